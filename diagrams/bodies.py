@@ -13,7 +13,7 @@ from typing import Any, cast
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.tree import UnitInertia
 
@@ -22,6 +22,8 @@ from parapod.systems.core.schema import Schema, quantity
 
 # Heaviest body [kg], largest moment of inertia [kg m^2], and farthest centre of mass [mm].
 _HEAVIEST, _BULKIEST, _FARTHEST = 1e5, 1e6, 1e5
+# Numbers of a file whose difference is rounding [m].
+_SAME = 1e-12
 # SI value of a key, by the end of its name; a quotient keeps what decimals say.
 _UNITS: dict[str, Callable[[Any], Any]] = {
     "": lambda value: value,
@@ -29,6 +31,10 @@ _UNITS: dict[str, Callable[[Any], Any]] = {
     "_deg": math.radians,
 }
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+# Factors along the axes of a link.
+type Stretch = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -96,38 +102,45 @@ def body_of(mass: float) -> Any:
     return field(default_factory=lambda: BodyScenario(mass))
 
 
-def in_si[T](design: Schema, kind: type[T], **others: Any) -> T:
+def in_si[T](design: Schema, kind: type[T], key: str = "machine", **others: Any) -> T:
     """Dimensions of a scenario as the dataclass that systems take.
 
     Args:
         design: schema with a key of the name of each field: as it is, or with `_mm` or `_deg`.
         kind: the dataclass; a key of None is left to it, and so is a field without a key.
-        others: further fields.
+        key: key of these dimensions in the scenario.
+        others: further fields, and their values.
 
     Raises:
         ScenarioError: dimensions that the dataclass refuses; names the key.
     """
     values, keys = dict(others), {}
     for each in fields(kind):  # type: ignore[arg-type]
+        if each.name in others:
+            continue
         for suffix, convert in _UNITS.items():
             name = f"{each.name}{suffix}"
             if hasattr(design, name) and (value := getattr(design, name)) is not None:
                 values[each.name], keys[each.name] = convert(value), name
     try:
-        made: T = _made(cast(Any, kind), tuple(values.items()))
-        return made
+        dimensions: T = _build(cast(Any, kind), tuple(values.items()))
+        return dimensions
     except ValueError as error:
-        key = next((key for name, key in keys.items() if name in str(error)), "")
-        raise ScenarioError(f"machine: {error}", f"machine.{key}") from None
+        named = (f"{key}.{keys[name]}" for name in keys if name in str(error))
+        raise ScenarioError(f"{key}: {error}", next(named, key)) from None
 
 
 @lru_cache(maxsize=64)
-def _made(kind: Any, values: tuple[tuple[str, Any], ...]) -> Any:
+def _build(kind: Any, values: tuple[tuple[str, Any], ...]) -> Any:
     return kind(**dict(values))
 
 
 def fit_link(
-    root: Element, name: str, stretch: tuple[float, float, float], body: Body | None
+    root: Element,
+    name: str,
+    stretch: Stretch,
+    body: Body | None,
+    shapes: Mapping[str, Stretch] | None = None,
 ) -> None:
     """Stretches a link of a URDF model, and gives it a mass.
 
@@ -137,28 +150,50 @@ def fit_link(
         stretch: factors along the axes of the link's frame; 1 leaves the file's numbers as they
             are.
         body: mass, and what is known of how it is spread; None: what the file has, by volume.
+        shapes: factors of single shapes, by their names in the file.
     """
     link = root.find(f"link[@name='{name}']")
     assert link is not None, name
     factors = np.array(stretch)
-    if (factors != 1.0).any():
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            _stretch_shape(shape, factors)
+    for shape in (*link.findall("visual"), *link.findall("collision")):
+        of_shape = np.array((shapes or {}).get(shape.get("name", ""), stretch))
+        if (of_shape != 1.0).any():
+            _stretch_shape(shape, of_shape)
     _stretch_inertia(link, factors, body)
 
 
-def scale_joints(root: Element, factors: Mapping[str, float]) -> None:
-    """Moves the origins of joints of a URDF model farther from their links' frames.
+def place_joints(root: Element, origins: Mapping[str, ArrayLike]) -> None:
+    """Puts the origins of joints of a URDF model elsewhere in their parents' frames.
 
     Args:
         root: the file's `robot` element.
-        factors: factor of each joint's origin, by its name.
+        origins: (3) of each joint [m], by its name; what rounds to the file's number stays.
     """
-    for name, factor in factors.items():
+    for name, place in origins.items():
         origin = root.find(f"joint[@name='{name}']/origin")
         assert origin is not None, name
-        if factor != 1.0:
-            _write(origin, "xyz", factor * _read(origin, "xyz"))
+        place_element(origin, "xyz", place)
+
+
+def limit_joints(root: Element, limits: Mapping[str, Mapping[str, float]]) -> None:
+    """Gives joints of a URDF model other limits.
+
+    Args:
+        root: the file's `robot` element.
+        limits: values of the attributes of each joint's `limit`, by its name.
+    """
+    for name, values in limits.items():
+        limit = root.find(f"joint[@name='{name}']/limit")
+        assert limit is not None, name
+        for attribute, value in values.items():
+            limit.set(attribute, repr(float(value)))
+
+
+def place_element(element: Element, attribute: str, values: ArrayLike) -> None:
+    """Gives an attribute other numbers, unless the file's are these but for rounding."""
+    numbers = np.asarray(values, dtype=float)
+    if not np.allclose(_read(element, attribute), numbers, rtol=0.0, atol=_SAME):
+        _write(element, attribute, numbers)
 
 
 def _read(element: Element | None, name: str) -> NDArray[np.float64]:
@@ -177,16 +212,24 @@ def _stretch_shape(shape: Element, factors: NDArray[np.float64]) -> None:
     own = np.abs(rotation.T @ np.diag(factors) @ rotation).diagonal()
     if origin is not None:
         _write(origin, "xyz", factors * _read(origin, "xyz"))
-    if form.tag == "box":
+    kind = form.tag.partition("}")[2] or form.tag
+    if kind == "box":
         _write(form, "size", own * _read(form, "size"))
-    elif form.tag == "mesh":
+    elif kind == "mesh":
         scale = _read(form, "scale") if form.get("scale") else np.ones(3)
         _write(form, "scale", own * scale)
     else:
-        radius = math.sqrt(own[0] * own[1]) if form.tag != "sphere" else float(np.cbrt(own.prod()))
-        form.set("radius", repr(radius * float(form.get("radius", "0"))))
-        if form.tag != "sphere":
-            form.set("length", repr(float(own[2]) * float(form.get("length", "0"))))
+        across = math.sqrt(own[0] * own[1]) if kind != "sphere" else float(np.cbrt(own.prod()))
+        a, b, along = own.tolist()
+        for name, factor in {
+            "a": a,
+            "b": b,
+            "c": along,
+            "radius": across,
+            "length": along,
+        }.items():
+            if (size := form.get(name)) is not None:
+                form.set(name, repr(factor * float(size)))
 
 
 def _geometry(shape: Element) -> Iterator[Element]:

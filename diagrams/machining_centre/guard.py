@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, POSITION, STOP, Sign, SignGuard
+from parapod.diagrams.machining_centre.design import LegScenario
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.systems.machining_centre.geometry import leg_name
 
@@ -34,6 +35,12 @@ class CentreLimits:
     oldest: float = 0.06
     persists: float = 0.1
 
+    @classmethod
+    def for_drives(cls, drives: LegScenario) -> "CentreLimits":
+        """Limits of a centre with other drives: of speed the same share."""
+        by_speed = drives.max_velocity_mm_s / LegScenario().max_velocity_mm_s
+        return cls(fastest=cls.fastest * by_speed)
+
 
 class CentreGuard(SignGuard):
     """Ends a job in which a leg does not follow, pushes too hard, or is measured wrongly.
@@ -44,16 +51,17 @@ class CentreGuard(SignGuard):
 
     signals = frozenset((POSITION, _ERROR, _CURRENT, AGE, STOP))
 
-    def __init__(self, scenario: CentreScenario, limits: CentreLimits = CentreLimits()):
+    def __init__(self, scenario: CentreScenario, limits: CentreLimits | None = None):
         """Begins to watch.
 
         Args:
             scenario: its `control.period` and `machine.legs` are taken.
-            limits: limits of normal behaviour.
+            limits: limits of normal behaviour; None: those of its drives.
         """
-        super().__init__(scenario.control.period, limits.oldest)
-        self._limits, legs = limits, scenario.machine.legs
-        self._most = limits.share * legs.max_force_N / legs.force_per_current_N_A
+        legs = scenario.machine.legs
+        self._limits = CentreLimits.for_drives(legs) if limits is None else limits
+        super().__init__(scenario.control.period, self._limits.oldest)
+        self._most = self._limits.share * legs.max_force_N / legs.force_per_current_N_A
 
     def _signs(
         self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]

@@ -25,7 +25,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, QuaternionFloatingJoint
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.bodies import Body, fit_link, scale_joints
+from parapod.diagrams.bodies import Body, fit_link, limit_joints, place_joints
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -38,6 +38,7 @@ from parapod.urdf import configure_parser
 STIFFNESS = PdControllerGains(p=1e7, d=1e5)
 _FOLDER = "package://parapod/machining_centre"
 _DRAWN = CentreGeometry()  # dimensions to which the files are drawn
+_SPINDLE = 0.07  # from P_O to the drawn quill [m]
 _LIMB_LINKS = (
     *("mount", "hinge", "left_cylinder", "left_rod", "right_cylinder", "right_rod"),
     *("ankle_3", "ankle_2", "foot"),
@@ -71,7 +72,7 @@ def add_centre(
 
     def fit_platform(root: Element) -> None:
         fit(("platform", "tool"), root)
-        scale_joints(root, {"tool": geometry.tool_length / _DRAWN.tool_length})
+        place_joints(root, {"tool": (0.0, 0.0, -_SPINDLE * stretches["tool"][0])})
 
     def fit_limb(root: Element) -> None:
         fit(_LIMB_LINKS, root)
@@ -142,14 +143,9 @@ def masses_of(geometry: CentreGeometry, bodies: tuple[tuple[str, Body], ...]) ->
 def _fit_joints(geometry: CentreGeometry, root: Element) -> None:
     """Gives a limb the pivots and strokes of a centre."""
     aside = geometry.platform_radius * math.sin(geometry.half_angle)
-    for side, sign in (("left", -1.0), ("right", 1.0)):
-        pivot = root.find(f"joint[@name='{side}_swing']/origin")
-        stroke = root.find(f"joint[@name='{side}_length']/limit")
-        assert pivot is not None
-        assert stroke is not None
-        pivot.set("xyz", f"0 {sign * aside:.16f} 0")  # its digits in the file
-        stroke.set("lower", repr(geometry.stroke_min))
-        stroke.set("upper", repr(geometry.stroke_max))
+    stroke = {"lower": geometry.stroke_min, "upper": geometry.stroke_max}
+    place_joints(root, {"left_swing": (0.0, -aside, 0.0), "right_swing": (0.0, aside, 0.0)})
+    limit_joints(root, {"left_length": stroke, "right_length": stroke})
 
 
 def photograph(

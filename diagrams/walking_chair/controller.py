@@ -8,18 +8,13 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.compound_position_controller import CompoundPositionController
 from parapod.systems.walking_chair.feedforward import ChairFeedforward, EasedStart
-from parapod.systems.walking_chair.geometry import BRANCHES, ChairGeometry
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.payload import PayloadEstimator
+from parapod.systems.walking_chair.geometry import BRANCHES
+from parapod.systems.walking_chair.payload import PayloadEstimator, PayloadEstimatorParams
 from parapod.systems.walking_chair.planner import GaitPlanner
 from parapod.systems.walking_chair.support import SupportMonitor, SupportMonitorParams
 
 
-def make_controller(
-    scenario: ChairScenario,
-    is_operated: bool = False,
-    geometry: ChairGeometry = CHAIR_GEOMETRY,
-) -> Diagram:
+def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagram:
     """Wires gait planner, feedforward, position controllers, payload estimator and monitor.
 
     Inputs: `legs.position` (12), `legs.current` (12); where a person operates it, `halt` (1).
@@ -27,22 +22,21 @@ def make_controller(
     `support` (4), `done` (1), `payload_estimated` (3), `support_margin` (1), `hold` (1).
 
     Args:
-        scenario: its `gait`, `control`, `drives.max_velocity_mm_s` and `begin` are used.
+        scenario: its `machine`, `gait`, `control` and `begin` are used.
         is_operated: true if a person operates it.
-        geometry: the chair.
     """
     builder = DiagramBuilder()
-    control, walk = scenario.control, scenario.gait.walk
+    control, walk, machine = scenario.control, scenario.walk, scenario.machine
+    geometry, masses, drives = machine.geometry, machine.masses, machine.drives
     planner = add(builder, GaitPlanner(walk, geometry, control.period, scenario.begin))
     feedforward = add(builder, ChairFeedforward(geometry))
     start = add(builder, EasedStart(period=control.period))
-    drive = CompoundPositionController(
-        control.params(scenario.drives), len(BRANCHES), control.period
-    )
+    drive = CompoundPositionController(control.params(drives), len(BRANCHES), control.period)
     position = add(builder, drive)
-    payload = add(builder, PayloadEstimator(geometry=geometry))
+    estimator = PayloadEstimatorParams(drives.force_per_current)
+    payload = add(builder, PayloadEstimator(estimator, geometry, masses))
     required = SupportMonitorParams(required=1e-3 * control.support_margin_mm)
-    monitor = add(builder, SupportMonitor(walk, required, geometry))
+    monitor = add(builder, SupportMonitor(walk, required, geometry, masses))
     for source, sink in (
         (planner.GetOutputPort("body_motion"), feedforward.GetInputPort("body_motion")),
         (planner.GetOutputPort("foot_motion"), feedforward.GetInputPort("foot_motion")),

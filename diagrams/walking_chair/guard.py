@@ -16,17 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, POSITION, STOP, Sign, SignGuard
+from parapod.diagrams.walking_chair.design import DriveScenario
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
-from parapod.systems.walking_chair.masses import ChairMasses
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.payload import (
-    PayloadEstimatorParams,
-    Stand,
-    unexplained_forces,
-)
+from parapod.systems.walking_chair.payload import Stand, unexplained_forces
 from parapod.systems.walking_chair.statics import force_map
 
 _NODE, _MARGIN = "position_node", "support_margin"
@@ -63,6 +58,15 @@ class ChairLimits:
     unexplained_persists: float = 0.3
     lowest: float = 3e-3
 
+    @classmethod
+    def for_drives(cls, drives: DriveScenario) -> "ChairLimits":
+        """Limits of a chair with other drives: of speed and force the same shares."""
+        usual = DriveScenario()
+        return cls(
+            fastest=cls.fastest * drives.max_velocity_mm_s / usual.max_velocity_mm_s,
+            unexplained=cls.unexplained * drives.max_force_N / usual.max_force_N,
+        )
+
 
 # Ticks between two comparisons of currents with statics, which take most of a millisecond each.
 _STRIDE = 5
@@ -88,15 +92,18 @@ class ChairGuard(SignGuard):
 
     signals = frozenset((POSITION, _NODE, _MARGIN, AGE, STOP, _CURRENT, _SUPPORT, _PAYLOAD))
 
-    def __init__(self, scenario: ChairScenario, limits: ChairLimits = ChairLimits()):
+    def __init__(self, scenario: ChairScenario, limits: ChairLimits | None = None):
         """Begins to watch.
 
         Args:
-            scenario: its `control.period` is that of the loop.
-            limits: limits of normal behaviour.
+            scenario: its `control.period` is that of the loop; its `machine` is watched.
+            limits: limits of normal behaviour; None: those of its drives.
         """
-        super().__init__(scenario.control.period, limits.oldest)
-        self._limits = limits
+        machine, drives = scenario.machine, scenario.machine.drives
+        self._limits = ChairLimits.for_drives(drives) if limits is None else limits
+        super().__init__(scenario.control.period, self._limits.oldest)
+        self._geometry, self._masses = machine.geometry, machine.masses
+        self._force_per_current = drives.force_per_current
         # Mean distances from the way, and mean sizes of these [m].
         self._off, self._size = np.zeros(len(BRANCHES)), np.zeros(len(BRANCHES))
         self._count, self._mismatch = 0, ""
@@ -143,8 +150,8 @@ class ChairGuard(SignGuard):
     def _compared(self, values: Mapping[str, NDArray[Any]]) -> str:
         """Sentence about the branch whose current is explained least; "" if all of them are."""
         lengths = values[POSITION].reshape(LEG_COUNT, 3)
-        forces = _FORCE_PER_CURRENT * values[_CURRENT]
-        corners = foot_corners(CHAIR_GEOMETRY, np.zeros(3), np.eye(3), lengths)
+        forces = self._force_per_current * values[_CURRENT]
+        corners = foot_corners(self._geometry, np.zeros(3), np.eye(3), lengths)
         estimated, *place = values[_PAYLOAD]
         finite = (corners, forces, values[_PAYLOAD])
         if not all(np.isfinite(each).all() for each in finite):
@@ -156,13 +163,13 @@ class ChairGuard(SignGuard):
         ground = lowest[stands].mean() if stands.any() else lowest.min()
         touching = stands | (lowest < ground + self._limits.lowest)
         stand = Stand(
-            force_map(CHAIR_GEOMETRY, lengths),
+            force_map(self._geometry, lengths),
             corners.reshape(-1, 3),
             np.repeat(touching, 3),
-            _MASSES.total,
+            self._masses.total,
             np.array(moments) / mass if mass else 0.0 * newest[1:],
         )
-        off = unexplained_forces(stand, mass, forces, _MASSES.foot_end * GRAVITY)
+        off = unexplained_forces(stand, mass, forces, self._masses.foot_end * GRAVITY)
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) <= self._limits.unexplained:
             share = -np.expm1(-_STRIDE * self._period / _REMEMBERED)
@@ -175,10 +182,6 @@ class ChairGuard(SignGuard):
             f"ground explain {explained:.0f} N: does each foot stand, and is each screw whole and "
             "free?"
         )
-
-
-_MASSES = ChairMasses()
-_FORCE_PER_CURRENT = PayloadEstimatorParams().force_per_current
 
 
 def _named(which: NDArray[Any], what: str) -> str:

@@ -1,6 +1,8 @@
 """The walking chair: one declaration."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -8,27 +10,29 @@ from parapod.diagrams.machine import Machine, SelfTest
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.guard import ChairGuard
-from parapod.diagrams.walking_chair.homing import LEGS
+from parapod.diagrams.walking_chair.homing import make_homing
 from parapod.diagrams.walking_chair.mujoco import add_mujoco_bodies
 from parapod.diagrams.walking_chair.plants import add_bodies, add_mock, add_statics
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.walking_chair.twin import ChairTwin
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
-from parapod.systems.walking_chair.payload import FORCE_LIMIT, PayloadEstimatorParams
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, LegGeometry
 
 
 def _limits(scenario: ChairScenario) -> Limits:
     """Strokes and speeds of the branches, their thrust, and the margin of the support."""
-    low, high = np.tile(CHAIR_GEOMETRY.leg.strokes, (LEG_COUNT, 1)).T
-    speed = 1e-3 * scenario.drives.max_velocity_mm_s
-    current = FORCE_LIMIT / PayloadEstimatorParams().force_per_current
+    drives = scenario.machine.drives
+    low, high = np.tile(scenario.machine.geometry.leg.strokes, (LEG_COUNT, 1)).T
+    speed, force, current = (
+        1e-3 * drives.max_velocity_mm_s,
+        drives.max_force_N,
+        drives.rated_current_A,
+    )
     return {
         **dict.fromkeys(("legs.position", "position_node", "truth.position"), (low, high)),
         **dict.fromkeys(("legs.velocity", "legs.velocity_command"), (-speed, speed)),
         "legs.current": (-current, current),
-        "truth.force": (-FORCE_LIMIT, FORCE_LIMIT),
+        "truth.force": (-force, force),
         "truth.contact_force": (0.0, None),
         "support_margin": (1e-3 * scenario.control.support_margin_mm, None),
     }
@@ -44,10 +48,21 @@ def _emulated(scenario: ChairScenario, period: float) -> ChairScenario:
     return replace(
         scenario,
         control=replace(scenario.control, period=period),
-        drives=replace(
-            scenario.drives, gain_error=0.0, offset_mm_s=0.0, encoder_resolution_mm=0.0
+        machine=replace(
+            scenario.machine,
+            drives=replace(
+                scenario.machine.drives,
+                gain_error=0.0,
+                offset_mm_s=0.0,
+                encoder_resolution_mm=0.0,
+            ),
         ),
     )
+
+
+def _variant(scenario: ChairScenario) -> Mapping[str, Any]:
+    """The homing, which ends where the legs do."""
+    return {"homings": {"legs": make_homing(scenario.machine.geometry.leg)}}
 
 
 CHAIR = Machine(
@@ -70,7 +85,7 @@ CHAIR = Machine(
             rest={"brake": 0.0},
         ),
     },
-    homings={"legs": LEGS},
+    homings={"legs": make_homing(LegGeometry())},
     emulated=_emulated,
     cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
     guard=ChairGuard,
@@ -85,5 +100,9 @@ CHAIR = Machine(
     # The quasi-static plant's statics cost more than the bodies' dynamics.
     exchange={"multibody": 2e-3, "kinematic": 5e-3, "mujoco": 2e-3},
     log_every=2,
-    resets=lambda scenario: ("seed", "passenger", "drives.gain_error", "drives.offset_mm_s"),
+    variant=_variant,
+    resets=lambda scenario: (
+        *("seed", "passenger"),
+        *("machine.drives.gain_error", "machine.drives.offset_mm_s"),
+    ),
 )

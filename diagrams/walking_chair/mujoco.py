@@ -6,8 +6,12 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from parapod.diagrams.drawing import publish
 from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.walking_chair.model import add_chair
-from parapod.diagrams.walking_chair.plants import Beginning, Plant, add_simulated
+from parapod.diagrams.walking_chair.plants import (
+    Beginning,
+    Plant,
+    add_designed_chair,
+    add_simulated,
+)
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.velocity_servo import VelocityServo
@@ -38,7 +42,7 @@ def _add_mujoco_plant(
 ) -> Plant:
     """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
     plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
-    model = add_chair(plant, beginning.passenger)
+    model = add_designed_chair(plant, scenario, beginning.passenger)
     plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
     translated = MujocoModel(
         plant, scene_graph, model.balls, feet=model.feet, loads=(model.passenger,)

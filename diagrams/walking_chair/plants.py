@@ -18,7 +18,7 @@ from parapod.diagrams.drawing import draw, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import add_status, ports_of_drives
-from parapod.diagrams.walking_chair.model import add_chair, add_passenger
+from parapod.diagrams.walking_chair.model import BranchDrive, add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
@@ -27,8 +27,7 @@ from parapod.systems.walking_chair.gait import Walk, starting_lengths
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairPose, ChairTruth
-from parapod.systems.walking_chair.payload import PayloadEstimatorParams
+from parapod.systems.walking_chair.model import ChairModel, ChairPose, ChairTruth
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +58,13 @@ class Beginning:
         """
         # One stream for both: their order is part of what a seed means.
         random = np.random.default_rng(scenario.seed)
-        error, offset = scenario.drives.gain_error, 1e-3 * scenario.drives.offset_mm_s
+        error, offset = (
+            scenario.machine.drives.gain_error,
+            1e-3 * scenario.machine.drives.offset_mm_s,
+        )
         return cls(
-            lengths=starting_lengths(CHAIR_GEOMETRY, walk),
-            body=np.asarray(walk.motion(CHAIR_GEOMETRY, 0.0).body.position),
+            lengths=starting_lengths(scenario.machine.geometry, walk),
+            body=np.asarray(walk.motion(scenario.machine.geometry, 0.0).body.position),
             passenger=scenario.passenger.passenger,
             gain=1.0 + random.uniform(-error, error, len(BRANCHES)),
             offset=random.uniform(-offset, offset, len(BRANCHES)),
@@ -85,6 +87,28 @@ class Plant:
     seat: Callable[[Context, Passenger], None]
 
 
+def add_designed_chair(
+    plant: MultibodyPlant, scenario: ChairScenario, passenger: Passenger
+) -> ChairModel:
+    """Adds the chair of a scenario to a plant, and finalizes it; see `add_chair`."""
+    machine, drives = scenario.machine, scenario.machine.drives
+    branch = BranchDrive(drives.stiffness, drives.max_force_N)
+    return add_chair(plant, passenger, machine.geometry, machine.bodies, branch)
+
+
+def make_statics(scenario: ChairScenario, beginning: Beginning) -> KinematicChair:
+    """The chair of a scenario in closed form, at its beginning."""
+    machine = scenario.machine
+    return KinematicChair(
+        machine.geometry,
+        machine.masses,
+        beginning.passenger,
+        scenario.control.period,
+        beginning.body[:2],
+        machine.drives.stiffness,
+    )
+
+
 def _add_multibody_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
@@ -97,7 +121,7 @@ def _add_multibody_plant(
     plant, scene_graph = add_discrete_plant(
         builder, time_step, scenario.plant.contact_approximation
     )
-    model = add_chair(plant, beginning.passenger)
+    model = add_designed_chair(plant, scenario, beginning.passenger)
     plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
     force = drive_joints(builder, plant, model.legs, drives.GetOutputPort("next_state"))
     truth = add(builder, ChairTruth(model))
@@ -129,9 +153,7 @@ def _add_kinematic_plant(
     meshcat: Meshcat | None,
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    statics = KinematicChair(
-        passenger=beginning.passenger, period=scenario.control.period, place=beginning.body[:2]
-    )
+    statics = make_statics(scenario, beginning)
     chair = add(builder, statics)
     connect(builder, drives.GetOutputPort("position"), chair.GetInputPort("position"))
     names = ("body_position", "body_attitude", "contact_force", "foot_height", "force")
@@ -168,14 +190,14 @@ def add_drawing(
     plant, figure = MultibodyPlant(time_step=1.0), MultibodyPlant(time_step=1.0)
     scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_chair(plant, replace(scenario.passenger.passenger, mass=0.0))
+    model = add_designed_chair(plant, scenario, replace(scenario.passenger.passenger, mass=0.0))
     pose = add(builder, ChairPose(model), f"pose_of_{path}")
     connect(builder, position, pose.GetInputPort("position"))
     connect(builder, chair.GetOutputPort("body_pose"), pose.GetInputPort("body_pose"))
     draw(builder, plant, pose.get_output_port(), scene_graph)
     if scenario.passenger.mass_kg > 0.0:
         figure.RegisterAsSourceForSceneGraph(scene_graph)
-        add_passenger(figure)
+        add_passenger(figure, scenario.passenger.passenger)
         draw(builder, figure, chair.GetOutputPort("passenger_pose"), scene_graph)
     publish(builder, scene_graph, meshcat, path)
 
@@ -229,7 +251,7 @@ def add_simulated(
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    walk = scenario.gait.walk
+    walk = scenario.walk
     beginning = Beginning.from_scenario(scenario, walk)
     servo = VelocityServo(
         drive_params(scenario),
@@ -242,7 +264,7 @@ def add_simulated(
     )
     drives = add(builder, servo, "drives")
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
-    per_newton = 1.0 / PayloadEstimatorParams().force_per_current
+    per_newton = 1.0 / scenario.machine.drives.force_per_current
     current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
     connect(builder, plant.signals["force"], current.get_input_port())
     inputs, outputs = ports_of_drives(drives, "velocity_command")
@@ -272,7 +294,7 @@ def add_statics(
 
 def drive_params(scenario: ChairScenario) -> VelocityServoParams:
     """Parameters of the twelve drives, with the stroke of each."""
-    drives, strokes = scenario.drives, CHAIR_GEOMETRY.leg.strokes
+    drives, strokes = scenario.machine.drives, scenario.machine.geometry.leg.strokes
     return VelocityServoParams(
         resolution=1e-3 * drives.encoder_resolution_mm,
         time_constant=1e-3 * drives.time_constant_ms,
@@ -297,7 +319,7 @@ def add_mock(
         meshcat: not used; there is nothing to draw.
     """
     exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
-    start = starting_lengths(CHAIR_GEOMETRY, scenario.gait.walk).ravel()
+    start = starting_lengths(scenario.machine.geometry, scenario.walk).ravel()
     servo = VelocityServo(exact, len(BRANCHES), scenario.control.period, position=start)
     drives = add(builder, servo, "drives")
     current = add(builder, ConstantVectorSource(np.zeros(len(BRANCHES))), "motor_current")

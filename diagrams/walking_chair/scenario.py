@@ -1,8 +1,10 @@
 """Typed scenario of the walking chair; `parapod scenario chair-walk` shows its explanations."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.walking_chair.design import ChairDesign, DriveScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.systems.actuators.compound_position_controller import (
     MODES,
@@ -11,6 +13,7 @@ from parapod.systems.actuators.compound_position_controller import (
 from parapod.systems.core.motion_laws import MOTION_LAWS
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.gait import ORDERS, TrotGait, Walk, there_and_back
+from parapod.systems.walking_chair.geometry import LegGeometry
 from parapod.systems.walking_chair.masses import Passenger
 
 BODIES = ("multibody", "mujoco")  # backends of rigid bodies, each by an engine of its own
@@ -28,17 +31,21 @@ class PassengerScenario(Schema):
         x_mm: centre of mass, to the right of the seat's middle [mm].
         y_mm: centre of mass, ahead of the seat's middle [mm].
         height_mm: centre of mass, above the plane of the legs' upper faces [mm].
+        gyration_mm: radius of gyration about any axis through the centre of mass [mm]; it
+            stretches the drawn person.
     """
 
-    mass_kg: float = quantity(57.0, 0.0, 250.0)
-    x_mm: float = quantity(0.0, -300.0, 300.0)
-    y_mm: float = quantity(0.0, -300.0, 300.0)
-    height_mm: float = quantity(350.0, 0.0, 1000.0)
+    mass_kg: float = quantity(57.0, 0.0, 10_000.0)
+    x_mm: float = quantity(0.0, -5000.0, 5000.0)
+    y_mm: float = quantity(0.0, -5000.0, 5000.0)
+    height_mm: float = quantity(350.0, 0.0, 5000.0)
+    gyration_mm: float = quantity(260.0, 1.0, 5000.0)
 
     @property
     def passenger(self) -> Passenger:
         """The passenger in SI units."""
-        return Passenger(self.mass_kg, 1e-3 * self.x_mm, 1e-3 * self.y_mm, 1e-3 * self.height_mm)
+        places = (1e-3 * self.x_mm, 1e-3 * self.y_mm, 1e-3 * self.height_mm)
+        return Passenger(self.mass_kg, *places, gyration=self.gyration_mm / 1e3)
 
 
 @dataclass
@@ -51,9 +58,10 @@ class GaitScenario(Schema):
         way: direction of the walk: "forward", "back" or "forward and back".
         body_law: motion of the body within a phase: "linear" is Eq. (45), with steps of the
             velocity; "ramped", "cycloid" and "quintic" have none.
-        lift_mm: z_s, height by which the body is lifted before the first step [mm].
-        step_mm: S_0, length of a step [mm].
-        swing_height_mm: H, height of the feet's swing [mm].
+        lift_mm: z_s, height by which the body is lifted before the first step [mm]; null: 114.7
+            of each 300 of the actuators' stroke.
+        step_mm: S_0, length of a step [mm]; null: 102.7 of each 300 of the stroke.
+        swing_height_mm: H, height of the feet's swing [mm]; null: a third of the stroke.
         phase_duration: T_m, duration of each phase: lift, swing, shift, swing, lowering [s].
     """
 
@@ -61,21 +69,30 @@ class GaitScenario(Schema):
     cycles: int = quantity(1, 1, 1000)
     way: str = choice("forward", WAYS)
     body_law: str = choice("ramped", tuple(MOTION_LAWS))
-    lift_mm: float = quantity(114.7, 1.0, 300.0)
-    step_mm: float = quantity(102.7, 1.0, 300.0)
-    swing_height_mm: float = quantity(100.0, 1.0, 300.0)
+    lift_mm: float | None = quantity(None, 0.1, 5000.0)
+    step_mm: float | None = quantity(None, 0.1, 5000.0)
+    swing_height_mm: float | None = quantity(None, 0.1, 5000.0)
     phase_duration: float = quantity(5.0, 0.5, 60.0)
 
-    @property
-    def walk(self) -> Walk:
-        """The gaits in SI units."""
+    def walk_of(self, leg: LegGeometry) -> Walk:
+        """The gaits in SI units.
+
+        Args:
+            leg: legs that walk; theirs are the sizes that are not set.
+        """
+        usual, size = TrotGait(), leg.stroke / LegGeometry().stroke
+        sizes = (self.lift_mm, usual.lift), (self.step_mm, usual.step)
+        lift, step, height = (
+            size * of_paper if own_mm is None else 1e-3 * own_mm
+            for own_mm, of_paper in (*sizes, (self.swing_height_mm, usual.swing_height))
+        )
         gait = TrotGait(
             order=self.order,
             cycles=self.cycles,
             direction="back" if self.way == "back" else "forward",
-            lift=1e-3 * self.lift_mm,
-            step=1e-3 * self.step_mm,
-            swing_height=1e-3 * self.swing_height_mm,
+            lift=lift,
+            step=step,
+            swing_height=height,
             phase_duration=self.phase_duration,
             body_law=self.body_law,
         )
@@ -94,26 +111,6 @@ class ChairPlantScenario(Schema):
 
     time_step: float = quantity(1e-3, 1e-4, 1e-2)
     contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))
-
-
-@dataclass
-class DriveScenario(Schema):
-    """The twelve velocity-controlled drives; all values are assumptions.
-
-    Attributes:
-        time_constant_ms: time constant of a drive's velocity loop [ms].
-        max_velocity_mm_s: largest velocity of a branch [mm/s].
-        gain_error: largest error of each drive's velocity as a share of it, drawn from the seed
-            [-].
-        offset_mm_s: largest velocity with which each drive creeps, drawn from the seed [mm/s].
-        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
-    """
-
-    time_constant_ms: float = quantity(40.0, 1.0, 500.0)
-    max_velocity_mm_s: float = quantity(80.0, 1.0, 1000.0)
-    gain_error: float = quantity(0.02, 0.0, 0.5)
-    offset_mm_s: float = quantity(1.0, 0.0, 20.0)
-    encoder_resolution_mm: float = quantity(0.005, 0.0, 1.0)
 
 
 @dataclass
@@ -170,21 +167,28 @@ class ChairScenario(Schema):
         seed: seed of everything random: the drives' imperfections.
         begin: beginning of the gait; until then the chair settles on its feet [s].
         end: time for which it stands afterwards [s].
+        machine: see `ChairDesign`.
         passenger: see `PassengerScenario`.
         gait: see `GaitScenario`.
         plant: see `ChairPlantScenario`.
-        drives: see `DriveScenario`.
         control: see `ChairControlScenario`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
+
+    moved: ClassVar = {"drives": "machine.drives"}
 
     backend: str = choice("multibody", BACKENDS)
     seed: int = quantity(0, 0, 2**31 - 1)
     begin: float = quantity(1.0, 0.0, 60.0)
     end: float = quantity(1.0, 0.0, 60.0)
+    machine: ChairDesign = field(default_factory=ChairDesign)
     passenger: PassengerScenario = field(default_factory=PassengerScenario)
     gait: GaitScenario = field(default_factory=GaitScenario)
     plant: ChairPlantScenario = field(default_factory=ChairPlantScenario)
-    drives: DriveScenario = field(default_factory=DriveScenario)
     control: ChairControlScenario = field(default_factory=ChairControlScenario)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
+
+    @property
+    def walk(self) -> Walk:
+        """The gaits that its legs walk."""
+        return self.gait.walk_of(self.machine.geometry.leg)

@@ -12,13 +12,14 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from parapod.diagrams.drawing import draw, publish
 from parapod.diagrams.twin import DESIRED, MEASURED, Tracker, Twin
-from parapod.diagrams.walking_chair.plants import Beginning, add_drawing
+from parapod.diagrams.walking_chair.model import add_leg
+from parapod.diagrams.walking_chair.plants import Beginning, add_drawing, make_statics
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, LegGeometry
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
 from parapod.systems.walking_chair.kinematic_chair import KinematicChair
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, leg_joints
+from parapod.systems.walking_chair.model import leg_joints
 from parapod.systems.walking_chair.odometry import FeetOdometer, Footing
 from parapod.urdf import configure_parser
 
@@ -43,21 +44,23 @@ class ChairTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: ChairScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
-        beginning = Beginning.from_scenario(scenario, scenario.gait.walk)
+        beginning = Beginning.from_scenario(scenario, scenario.walk)
         self._statics: dict[str, KinematicChair] = {}
         for drawing in _DRAWN:
             position = self.input(drawing, len(BRANCHES))
-            chair = KinematicChair(passenger=beginning.passenger, place=beginning.body[:2])
+            chair = make_statics(scenario, beginning)
             self._statics[drawing] = add(self.builder, chair, f"statics_of_{drawing}")
             connect(self.builder, position, chair.GetInputPort("position"))
             add_drawing(self.builder, scenario, position, chair, meshcat, self.path(drawing))
-        self._track, self._shown = _Steps(beginning.body), 0
+        self._geometry = scenario.machine.geometry
+        self._track, self._shown = _Steps(self._geometry, beginning.body), 0
         self.finish()
 
     @classmethod
     def tracker(cls, scenario: ChairScenario) -> Tracker:
         """Counts the steps; see `Twin`."""
-        return _Steps(Beginning.from_scenario(scenario, scenario.gait.walk).body)
+        beginning = Beginning.from_scenario(scenario, scenario.walk)
+        return _Steps(scenario.machine.geometry, beginning.body)
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
@@ -70,7 +73,7 @@ class ChairTwin(Twin):
         for drawing, name in _DRAWN.items():
             footing = _unpacked(complete[_FOOTINGS[drawing]])
             lengths = np.reshape(values.get(name, measured), (LEG_COUNT, 3))
-            self._statics[drawing].put(self._context, footing.at(CHAIR_GEOMETRY, lengths))
+            self._statics[drawing].put(self._context, footing.at(self._geometry, lengths))
         self._publish({}, time)
 
     def _counted(self, values: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[np.float64]]:
@@ -84,8 +87,8 @@ class ChairTwin(Twin):
 class _Steps:
     """The chair's `Tracker`: the footing of each drawing."""
 
-    def __init__(self, place: NDArray[np.float64]):
-        self._odometers = {d: FeetOdometer(CHAIR_GEOMETRY, place[:2]) for d in _DRAWN}
+    def __init__(self, geometry: ChairGeometry, place: NDArray[np.float64]):
+        self._odometers = {d: FeetOdometer(geometry, place[:2]) for d in _DRAWN}
 
     def __call__(
         self, time: NDArray[np.float64], samples: Mapping[str, NDArray[Any]]
@@ -122,6 +125,7 @@ class LegTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: ChairScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
+        self._geometry = scenario.machine.geometry.leg
         for drawing in (MEASURED, DESIRED):
             path = self.path(drawing)
             scene_graph = add(self.builder, SceneGraph(), f"drawing_of_{path}")
@@ -129,7 +133,7 @@ class LegTwin(Twin):
             self._leg.RegisterAsSourceForSceneGraph(scene_graph)
             parser = Parser(self._leg)
             configure_parser(parser)
-            parser.AddModels(url="package://parapod/walking_chair/leg.urdf")
+            add_leg(parser, "leg", self._geometry)
             self._leg.WeldFrames(
                 self._leg.world_frame(),
                 self._leg.GetFrameByName("upper_platform"),
@@ -156,7 +160,7 @@ class LegTwin(Twin):
         self._draw_way(measured)
 
     def _draw_way(self, lengths: NDArray[Any]) -> None:
-        geometry = LegGeometry()
+        geometry = self._geometry
         corner, *_ = leg_corners(geometry, up_of_lengths(geometry, lengths))
         self._way.append(corner + np.array((0.0, 0.0, _HANGS)))
         if self.meshcat is not None and len(self._way) > 1:
@@ -166,6 +170,6 @@ class LegTwin(Twin):
     def _joints(self, lengths: NDArray[Any]) -> NDArray[np.float64]:
         """Positions of the leg's joints, its loops closed, by the lengths (3) of its branches."""
         positions = np.zeros(self._leg.num_positions())
-        for name, value in leg_joints(LegGeometry(), lengths).items():
+        for name, value in leg_joints(self._geometry, lengths).items():
             positions[self._leg.GetJointByName(name).position_start()] = value
         return positions

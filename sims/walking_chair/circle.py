@@ -18,6 +18,7 @@ from pydrake.systems.framework import Diagram
 
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.style import COLOURS
+from parapod.diagrams.walking_chair.design import ChairDesign
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -164,6 +165,7 @@ class ChairCircleScenario(Schema):
     Attributes:
         backend: plant: "kinematic", the leg in closed form and its drives as lags.
         seed: seed of the drives' errors, where any are drawn.
+        machine: see `ChairDesign`; its drives are those below.
         circle: see `CircleScenario`.
         rest: time for which the foot is watched after the circle [s].
         control: see `CircleControlScenario`.
@@ -172,6 +174,7 @@ class ChairCircleScenario(Schema):
 
     backend: str = choice("kinematic", ("kinematic",))
     seed: int = quantity(0, 0, 2**31 - 1)
+    machine: ChairDesign = field(default_factory=ChairDesign)
     circle: CircleScenario = field(default_factory=CircleScenario)
     rest: float = quantity(0.5, 0.0, 60.0)
     control: CircleControlScenario = field(default_factory=CircleControlScenario)
@@ -205,6 +208,7 @@ class ChairCircleScenario(Schema):
             ),
             gain=gain,
             offset=offset,
+            geometry=self.machine.geometry.leg,
         )
 
     def _imperfections(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -218,14 +222,12 @@ class ChairCircleScenario(Schema):
         return (a, b, c), (d, e, f)
 
 
-GEOMETRY = LegGeometry()
-
-
 @dataclass(frozen=True)
 class Recording:
     """A foot on its circle.
 
     Attributes:
+        geometry: the leg.
         circle: path that it should follow.
         time: (n) [s].
         position: (n, 3) where the drives really are [m].
@@ -233,6 +235,7 @@ class Recording:
         foot: (n, 3) where the corner E1 really is, in {A1} [m].
     """
 
+    geometry: LegGeometry
     circle: FootCircle
     time: Floats
     position: Floats
@@ -285,7 +288,7 @@ class Recording:
     @cached_property
     def planned(self) -> BranchMotion:
         """Planned motion of the branches, arrays (n, 3)."""
-        return leg_motion(GEOMETRY, self.circle.motion(self.time))
+        return leg_motion(self.geometry, self.circle.motion(self.time))
 
 
 class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
@@ -310,8 +313,9 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
         """Refuses a circle that takes a branch out of its stroke, or is too fast for it."""
         circle = scenario.circle.circle
         time = np.linspace(0.0, circle.duration, round(circle.duration / _CHECKED) + 1)
-        motion = leg_motion(GEOMETRY, circle.motion(time))
-        check_strokes(GEOMETRY, motion.length[:, np.newaxis], time, _LEGS)
+        geometry = scenario.machine.geometry.leg
+        motion = leg_motion(geometry, circle.motion(time))
+        check_strokes(geometry, motion.length[:, np.newaxis], time, _LEGS)
         limit = 1e-3 * scenario.drives.max_velocity_mm_s
         check_speeds(motion.velocity[:, np.newaxis], limit, time, _LEGS)
 
@@ -339,11 +343,11 @@ class ChairCircle(Experiment[ChairCircleScenario, dict[str, Recording]]):
 
     def machine_scenario(self, scenario: ChairCircleScenario) -> ChairScenario:
         """The chair of which it is a leg."""
-        return ChairScenario()
+        return ChairScenario(machine=scenario.machine)
 
     def limits(self, scenario: ChairCircleScenario) -> Limits:
         """Strokes of the leg's branches, and speeds that the drives are asked for."""
-        low, high = GEOMETRY.strokes.T
+        low, high = scenario.machine.geometry.leg.strokes.T
         speed = 1e-3 * scenario.drives.max_velocity_mm_s
         return {
             **{f"{mode}.position": (low, high) for mode in MODES},
@@ -424,8 +428,8 @@ def _record(scenario: ChairCircleScenario, mode: str, runner: Runner) -> Recordi
     until = params.circle.duration + scenario.rest
     runner.simulate(simulator, until, f"mode {mode}")
     time, position, velocity = loop.recorded(simulator.get_context())
-    foot = leg_forward(GEOMETRY, position).point
-    return Recording(params.circle, time, position, velocity, foot)
+    foot = leg_forward(params.geometry, position).point
+    return Recording(params.geometry, params.circle, time, position, velocity, foot)
 
 
 def _compound_bound(scenario: ChairCircleScenario) -> float:
@@ -507,7 +511,7 @@ def _velocities(
         yield Metric(f"{key}_branch_speed_mm_s", largest, "mm/s", limit, meaning=meaning)
     yield Metric(
         "stroke_left_mm",
-        -1e3 * float(stroke_excess(GEOMETRY, compound.planned.length).max()),
+        -1e3 * float(stroke_excess(compound.geometry, compound.planned.length).max()),
         "mm",
         at_least=0.0,
         meaning="smallest planned distance of a branch from the ends of its stroke",
@@ -535,7 +539,9 @@ def _effects(circle: FootCircle) -> Iterator[Metric]:
     )
 
 
-def sensitivities(circle: FootCircle) -> tuple[float, float]:
+def sensitivities(
+    circle: FootCircle, geometry: LegGeometry = LegGeometry()
+) -> tuple[float, float]:
     """Largest error of the foot, and of its radius, by a unit of error of the lengths.
 
     The first is the largest singular value of J^-1, which is in the direction that suits it; the
@@ -543,7 +549,7 @@ def sensitivities(circle: FootCircle) -> tuple[float, float]:
     """
     time = np.linspace(0.0, circle.duration, _PLACES)
     places = circle.motion(time).position
-    foot_by_lengths = np.linalg.inv(leg_jacobian(GEOMETRY, places))
+    foot_by_lengths = np.linalg.inv(leg_jacobian(geometry, places))
     outwards = (places - (0.0, circle.centre_y, circle.z)) / circle.radius
     rows = np.einsum("...i,...ij->...j", outwards, foot_by_lengths)
     any_way = np.linalg.norm(foot_by_lengths, ord=2, axis=(-2, -1)).max()

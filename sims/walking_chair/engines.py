@@ -89,7 +89,7 @@ class ChairEngines(EngineComparison[ChairScenario]):
 
     def duration(self, scenario: ChairScenario) -> float:
         """Standing, walk, standing [s]."""
-        return scenario.begin + scenario.gait.walk.duration + scenario.end
+        return scenario.begin + scenario.walk.duration + scenario.end
 
     def scene(self, scenario: ChairScenario) -> Meshcat:
         """A scene around the chair's way."""

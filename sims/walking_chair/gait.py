@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.style import COLOURS
+from parapod.diagrams.walking_chair.design import ChairDesign
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.experiment import Experiment, Logged
@@ -40,7 +41,6 @@ from parapod.systems.walking_chair.gait import (
     gait_motion,
 )
 from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.support import GaitSupport
 from parapod.systems.walking_chair.trajectories import BranchMotion
 
@@ -93,17 +93,20 @@ class ChairGaitScenario(Schema):
     Attributes:
         backend: method: "exact", closed forms.
         seed: seed, which changes nothing: nothing is random.
+        machine: see `ChairDesign`.
         gait: see `GaitScenario`; its body law is the one that is compared with Eq. (45).
     """
 
     backend: str = choice("exact", ("exact",))
     seed: int = quantity(0, 0, 2**31 - 1)
+    machine: ChairDesign = field(default_factory=ChairDesign)
     gait: GaitScenario = field(default_factory=GaitScenario)
 
     @property
     def walks(self) -> tuple[Walk, Walk]:
         """The gait with the body moved by Eq. (45), and by the scenario's law."""
-        return replace(self.gait, body_law=PRINTED).walk, self.gait.walk
+        leg = self.machine.geometry.leg
+        return replace(self.gait, body_law=PRINTED).walk_of(leg), self.gait.walk_of(leg)
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,7 @@ class SampledWalk:
         branches: arrays (n, 4, 3).
         velocity_steps: (k, 4, 3) by which velocities jump where phases begin and end [m/s].
         acceleration_steps: (k, 4, 3) steps of the acceleration [m/s^2].
+        speed_limit: largest speed of a branch [m/s].
     """
 
     geometry: ChairGeometry
@@ -129,6 +133,7 @@ class SampledWalk:
     branches: BranchMotion
     velocity_steps: Floats
     acceleration_steps: Floats
+    speed_limit: float = SPEED_LIMIT
 
     @cached_property
     def corners(self) -> Floats:
@@ -179,12 +184,14 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
 
     def check(self, scenario: ChairGaitScenario) -> None:
         """Refuses a gait with too many cycles, out of a branch's stroke, or too fast for it."""
-        check_walks(scenario, CHAIR_GEOMETRY)
+        check_walks(scenario, scenario.machine.geometry)
 
     def run(self, scenario: ChairGaitScenario, runner: Runner) -> Walks:
         """Moves the branches: closed forms, nothing is simulated."""
         with runner.console.status("moving the branches"):
-            return Walks(*(sample_walk(CHAIR_GEOMETRY, walk) for walk in scenario.walks))
+            geometry = scenario.machine.geometry
+            limit = 1e-3 * scenario.machine.drives.max_velocity_mm_s
+            return Walks(*(sample_walk(geometry, walk, limit) for walk in scenario.walks))
 
     def logged(self, scenario: ChairGaitScenario, data: Walks) -> Logged:
         """Body, feet and branches by both laws, which have the same times."""
@@ -202,11 +209,13 @@ class ChairGait(Experiment[ChairGaitScenario, Walks]):
 
     def machine_scenario(self, scenario: ChairGaitScenario) -> ChairScenario:
         """The chair at the beginning of the gait, without a passenger."""
-        return ChairScenario(gait=scenario.gait, passenger=PassengerScenario(0.0))
+        seat = PassengerScenario(0.0)
+        return ChairScenario(machine=scenario.machine, gait=scenario.gait, passenger=seat)
 
     def limits(self, scenario: ChairGaitScenario) -> Limits:
         """Strokes and speeds of the branches."""
-        of_both = {f"{law}.velocity": (-SPEED_LIMIT, SPEED_LIMIT) for law in (PRINTED, "smooth")}
+        speed = 1e-3 * scenario.machine.drives.max_velocity_mm_s
+        of_both = {f"{law}.velocity": (-speed, speed) for law in (PRINTED, "smooth")}
         return {**super().limits(scenario), **of_both}
 
     def measure(self, scenario: ChairGaitScenario, data: Walks) -> Iterable[Metric]:
@@ -238,10 +247,12 @@ def check_walks(scenario: ChairGaitScenario, geometry: ChairGeometry) -> None:
         )
     for walk in scenario.walks:
         for gait in walk.gaits:
-            check_gait(geometry, gait)
+            check_gait(geometry, gait, 1e-3 * scenario.machine.drives.max_velocity_mm_s)
 
 
-def sample_walk(geometry: ChairGeometry, walk: Walk) -> SampledWalk:
+def sample_walk(
+    geometry: ChairGeometry, walk: Walk, speed_limit: float = SPEED_LIMIT
+) -> SampledWalk:
     """Samples all phases of a walk."""
     parts = [_sample_gait(geometry, gait) for gait in walk.gaits]
     begins = np.cumsum([0.0, *(gait.duration for gait in walk.gaits)])
@@ -255,6 +266,7 @@ def sample_walk(geometry: ChairGeometry, walk: Walk) -> SampledWalk:
         _joined([part.branches for part in parts]),
         np.concatenate([part.velocity_steps for part in parts]),
         np.concatenate([part.acceleration_steps for part in parts]),
+        speed_limit,
     )
 
 
@@ -296,7 +308,7 @@ def gait_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, ...
 
 
 def _speed_metrics(printed: SampledWalk, smooth: SampledWalk) -> tuple[Metric, ...]:
-    limit = 1e3 * SPEED_LIMIT
+    limit = 1e3 * printed.speed_limit
     both = [walk.branches.velocity for walk in (printed, smooth)]
     return (
         Metric(
@@ -518,7 +530,7 @@ def _draw_branches(
             for end in walk.walk.ends[:-1]:
                 axes.axvline(end, color="0.9", linewidth=0.8, zorder=0)
             if quantity == "velocity":
-                for limit in (1e3 * SPEED_LIMIT, -1e3 * SPEED_LIMIT):
+                for limit in (1e3 * walk.speed_limit, -1e3 * walk.speed_limit):
                     axes.axhline(limit, color=_GROUND, linewidth=0.8, linestyle="dotted")
         row[0].set_ylabel(f"{name}\n{label}")
     for leg, axes in enumerate(rows[0]):

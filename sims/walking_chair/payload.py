@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from rich.console import Console
 
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.style import COLOURS
+from parapod.diagrams.walking_chair.design import ChairDesign
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario, PassengerScenario
 from parapod.sims.lab.experiment import Experiment, Logged
@@ -34,11 +35,10 @@ from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.checks import check_gait
-from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, Walk
-from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
-from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
+from parapod.systems.walking_chair.gait import FIRST_SWING, SECOND_SWING, GaitMotion, Walk
+from parapod.systems.walking_chair.geometry import LEG_COUNT
+from parapod.systems.walking_chair.masses import Passenger, centre_of_mass
 from parapod.systems.walking_chair.payload import (
-    FORCE_LIMIT,
     Payload,
     Stand,
     elastic_forces,
@@ -85,9 +85,9 @@ class PayloadScenario(Schema):
         y_mm: centre of mass, ahead of the seat's middle [mm].
     """
 
-    mass_kg: float = quantity(57.0, 0.0, 250.0)
-    x_mm: float = quantity(0.0, -300.0, 300.0)
-    y_mm: float = quantity(0.0, -300.0, 300.0)
+    mass_kg: float = quantity(57.0, 0.0, 10_000.0)
+    x_mm: float = quantity(0.0, -5000.0, 5000.0)
+    y_mm: float = quantity(0.0, -5000.0, 5000.0)
 
     @property
     def passenger(self) -> Passenger:
@@ -110,33 +110,31 @@ class ChairPayloadScenario(Schema):
     Attributes:
         backend: method: "exact", statics of closed forms.
         seed: seed, which changes nothing: nothing is random.
+        machine: see `ChairDesign`.
         gait: see `GaitScenario`; one of its equal cycles is computed, and the body's law says only
             when the body is where.
         payload: see `PayloadScenario`.
         friction: coefficient between feet and ground, which is compared with none at all [-].
-        force_limit: F_N of Eq. (53): largest force of each branch, either way [N].
         support_margin_mm: smallest admissible distance of the centre of mass from the edge of the
             support polygon [mm].
         instants: number of instants in each phase at which forces are spread.
     """
 
+    moved: ClassVar = {"force_limit": "machine.drives.max_force_N"}
+
     backend: str = choice("exact", ("exact",))
     seed: int = quantity(0, 0, 2**31 - 1)
+    machine: ChairDesign = field(default_factory=ChairDesign)
     gait: GaitScenario = field(default_factory=_printed_gait)
     payload: PayloadScenario = field(default_factory=PayloadScenario)
     friction: float = quantity(0.6, 0.0, 2.0)
-    force_limit: float = quantity(FORCE_LIMIT, 1.0, 10000.0)
     support_margin_mm: float = quantity(10.0, 0.0, 200.0)
     instants: int = quantity(40, 1, 1000)
 
     @property
     def walk(self) -> Walk:
         """One cycle, each way."""
-        return replace(self.gait, cycles=1).walk
-
-
-GEOMETRY = ChairGeometry()
-MASSES = ChairMasses()
+        return replace(self.gait, cycles=1).walk_of(self.machine.geometry.leg)
 
 
 class Instant(NamedTuple):
@@ -207,9 +205,13 @@ class ChairPayload(Experiment[ChairPayloadScenario, list[Instant]]):
         touching = np.array([instant.stand.touching for instant in data])
         signals["touching"] = (touching, "0/1")
         times = np.array([instant.time for instant in data])
-        motion = scenario.walk.motions(GEOMETRY, times)
+        motion = scenario.walk.motions(scenario.machine.geometry, times)
         lengths = chair_inverse(
-            GEOMETRY, motion.body.position, _LEVEL, motion.feet.position, motion.references
+            scenario.machine.geometry,
+            motion.body.position,
+            _LEVEL,
+            motion.feet.position,
+            motion.references,
         )
         signals["length"] = (lengths.reshape(len(times), -1), "m")
         signals["support"] = (np.asarray(motion.support, dtype=float), "0/1")
@@ -219,32 +221,41 @@ class ChairPayload(Experiment[ChairPayloadScenario, list[Instant]]):
         """The chair at the beginning of the step, with the payload on its seat."""
         payload, gait = scenario.payload, replace(scenario.gait, cycles=1)
         seat = PassengerScenario(payload.mass_kg, payload.x_mm, payload.y_mm)
-        return ChairScenario(gait=gait, passenger=seat)
+        return ChairScenario(machine=scenario.machine, gait=gait, passenger=seat)
 
     def limits(self, scenario: ChairPayloadScenario) -> Limits:
         """Thrust of the branches, the paper's payload, and strokes."""
-        limit = scenario.force_limit
+        limit = scenario.machine.drives.max_force_N
         forces = ("least_frictionless", "least_friction")
         return {
             **super().limits(scenario),
             **{f"branch_force_{name}": (-limit, limit) for name in forces},
-            "largest_payload_frictionless": (PAPER_PAYLOAD, None),
-            "largest_payload_friction": (PAPER_PAYLOAD, None),
+            "largest_payload_frictionless": (_asked(scenario), None),
+            "largest_payload_friction": (_asked(scenario), None),
         }
 
     def measure(self, scenario: ChairPayloadScenario, data: list[Instant]) -> Iterator[Metric]:
         """Largest payloads, margins, and the paper's numbers."""
         yield from payload_metrics(scenario, data)
         yield from support_metrics(scenario)
-        yield from paper_metrics(scenario, data)
+        if scenario.machine == ChairDesign():
+            yield from paper_metrics(scenario, data)
 
     def note(self, scenario: ChairPayloadScenario, data: list[Instant]) -> Iterable[str]:
         """An explanation of the paper's payload."""
+        if scenario.machine != ChairDesign():
+            return ()
         return _notes(scenario, tuple(self.measure(scenario, data)))
 
     def draw(self, scenario: ChairPayloadScenario, data: list[Instant]) -> Iterable[Figure]:
         """Payload, support and forces (Fig. 17)."""
         return figures(scenario, data)
+
+
+def _lengths(scenario: ChairPayloadScenario, motion: GaitMotion) -> Floats:
+    """(..., 4, 3) lengths of the branches in a motion [m]."""
+    geometry, body, feet = scenario.machine.geometry, motion.body.position, motion.feet.position
+    return chair_inverse(geometry, body, _LEVEL, feet, motion.references)
 
 
 def check_stance(scenario: ChairPayloadScenario) -> None:
@@ -255,16 +266,19 @@ def check_stance(scenario: ChairPayloadScenario) -> None:
         SpeedExceeded: names the branch and the time of the largest speed.
         SupportLost: names the phase with the smallest margin.
     """
+    limit = 1e-3 * scenario.machine.drives.max_velocity_mm_s
     for gait in scenario.walk.gaits:
-        check_gait(GEOMETRY, gait)
+        check_gait(scenario.machine.geometry, gait, limit)
     required = 1e-3 * scenario.support_margin_mm
-    GaitSupport(GEOMETRY, scenario.walk, MASSES).check(scenario.payload.passenger, required)
+    GaitSupport(scenario.machine.geometry, scenario.walk, scenario.machine.masses).check(
+        scenario.payload.passenger, required
+    )
 
 
 def survey(scenario: ChairPayloadScenario, console: Console) -> list[Instant]:
     """Spreads forces throughout the step, at the middles of equal parts of each phase."""
     walk = scenario.walk
-    softness = paper_stiffness(walk)
+    softness = paper_stiffness(scenario)
     begins = (0.0, *walk.ends[:-1])
     shares = (np.arange(scenario.instants) + 0.5) / scenario.instants
     points = []
@@ -279,8 +293,12 @@ def survey(scenario: ChairPayloadScenario, console: Console) -> list[Instant]:
 def _spread(
     scenario: ChairPayloadScenario, walk: Walk, phase: str, time: float, softness: float
 ) -> Instant:
-    mass, friction, limit = scenario.payload.mass_kg, scenario.friction, scenario.force_limit
-    stand = stand_at(walk, time)._replace(payload_place=scenario.payload.passenger.place[:2])
+    mass, friction, limit = (
+        scenario.payload.mass_kg,
+        scenario.friction,
+        scenario.machine.drives.max_force_N,
+    )
+    stand = stand_at(scenario, time)._replace(payload_place=scenario.payload.passenger.place[:2])
     return Instant(
         time,
         phase,
@@ -294,53 +312,71 @@ def _spread(
     )
 
 
-def stand_at(walk: Walk, time: float) -> Stand:
+def stand_at(scenario: ChairPayloadScenario, time: float) -> Stand:
     """Stance of the chair at an instant, with a payload in the middle."""
-    motion = walk.motion(GEOMETRY, time)
+    walk, geometry = scenario.walk, scenario.machine.geometry
+    motion = walk.motion(geometry, time)
     body = np.asarray(motion.body.position)
     feet = motion.feet.position
-    lengths = chair_inverse(GEOMETRY, body, _LEVEL, feet, motion.references)
-    corners = foot_corners(GEOMETRY, body, _LEVEL, lengths)
+    lengths = chair_inverse(geometry, body, _LEVEL, feet, motion.references)
+    corners = foot_corners(geometry, body, _LEVEL, lengths)
     touching = (corners[..., 2] < _TOUCHING) & motion.support[:, np.newaxis]
     from_body = (corners - body).reshape(-1, 3)
-    return Stand(force_map(GEOMETRY, lengths), from_body, touching.ravel(), MASSES.total)
+    return Stand(
+        force_map(geometry, lengths),
+        from_body,
+        touching.ravel(),
+        scenario.machine.masses.total,
+    )
 
 
-def paper_share() -> float:
+def paper_share(scenario: ChairPayloadScenario) -> float:
     """Share of a leg's load on its UP branch with which the paper's payload takes it to F_N.
 
     While two legs stand, each carries half of the weight.
     """
-    return 2.0 * FORCE_LIMIT / (GRAVITY * (MASSES.total + PAPER_PAYLOAD))
+    limit = scenario.machine.drives.max_force_N
+    return 2.0 * limit / (GRAVITY * (scenario.machine.masses.total + PAPER_PAYLOAD))
 
 
-def paper_stiffness(walk: Walk) -> float:
+def paper_stiffness(scenario: ChairPayloadScenario) -> float:
     """Stiffness of a UPS branch, by that of a UP branch, which gives that share.
 
     The UP branch of a flat foot below its hinge is upright, and a UPS branch has the vertical
     part n_z. A vertical load is shared between them as 1, k n_z^2 and k n_z^2.
     """
+    walk, geometry = scenario.walk, scenario.machine.geometry
     phase = walk.phases.index(FIRST_SWING)
     leg = walk.standing[phase].index(True)
-    motion = walk.motion(GEOMETRY, walk.ends[phase], "left")
+    motion = walk.motion(geometry, walk.ends[phase], "left")
     lengths = chair_inverse(
-        GEOMETRY, motion.body.position, _LEVEL, motion.feet.position, motion.references
+        geometry,
+        motion.body.position,
+        _LEVEL,
+        motion.feet.position,
+        motion.references,
     )
     up, ups, _ = lengths[leg].tolist()
-    n_z = (up + GEOMETRY.leg.x2 - GEOMETRY.leg.x3) / ups
-    return (1.0 / paper_share() - 1.0) / (2.0 * n_z**2)
+    n_z = (up + geometry.leg.x2 - geometry.leg.x3) / ups
+    return (1.0 / paper_share(scenario) - 1.0) / (2.0 * n_z**2)
+
+
+def _asked(scenario: ChairPayloadScenario) -> float:
+    """Payload that must be carried [kg]: the paper's by its chair, by another the scenario's."""
+    is_printed = scenario.machine == ChairDesign()
+    return PAPER_PAYLOAD if is_printed else scenario.payload.mass_kg
 
 
 def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tuple[Metric, ...]:
     """The largest payloads through the step, and the forces under the scenario's."""
-    mass, limit = scenario.payload.mass_kg, scenario.force_limit
+    mass, limit = scenario.payload.mass_kg, scenario.machine.drives.max_force_N
     return (
         *(
             Metric(
                 f"payload_{name}_kg",
                 min(getattr(instant, name).mass for instant in instants),
                 "kg",
-                at_least=PAPER_PAYLOAD,
+                at_least=_asked(scenario),
                 paper=PAPER_PAYLOAD,
                 meaning=f"largest payload throughout the step, best spread of forces, {words}",
             )
@@ -368,19 +404,20 @@ def payload_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> 
 
 def support_metrics(scenario: ChairPayloadScenario) -> tuple[Metric, ...]:
     """Measure how far the chair is from tipping over."""
-    at_s = replace(MASSES, body=MASSES.body + LEG_COUNT * MASSES.foot_end, foot=0.0, rod=0.0)
+    own, geometry = scenario.machine.masses, scenario.machine.geometry
+    at_s = replace(own, body=own.body + LEG_COUNT * own.foot_end, foot=0.0, rod=0.0)
     passenger = scenario.payload.passenger
     return tuple(
         Metric(
             key,
-            1e3 * float(GaitSupport(GEOMETRY, scenario.walk, masses).margins(passenger).min()),
+            1e3 * float(GaitSupport(geometry, scenario.walk, masses).margins(passenger).min()),
             "mm",
             at_least=scenario.support_margin_mm,
             meaning=f"smallest distance of the centre of mass from the polygon's edge, {words}",
         )
         for key, masses, words in (
             ("support_margin_mm", at_s, "the chair's mass at S"),
-            ("support_margin_with_feet_mm", MASSES, "feet with masses of their own"),
+            ("support_margin_with_feet_mm", own, "feet with masses of their own"),
         )
     )
 
@@ -388,11 +425,12 @@ def support_metrics(scenario: ChairPayloadScenario) -> tuple[Metric, ...]:
 def paper_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tuple[Metric, ...]:
     """Explain the paper's 57 kg: a payload in the middle, F_N of Eq. (53), two legs."""
     (time, *_) = [instant.time for instant in instants if instant.swings]
-    stand = stand_at(scenario.walk, time)
+    stand = stand_at(scenario, time)
     on_corner = stand._replace(touching=stand.touching & _CORNER_E1)
-    on_up = largest_payload(on_corner, 0.0, FORCE_LIMIT).mass
-    closed_form = 2.0 * FORCE_LIMIT / GRAVITY - MASSES.total
-    softness = paper_stiffness(scenario.walk)
+    limit = scenario.machine.drives.max_force_N
+    on_up = largest_payload(on_corner, 0.0, limit).mass
+    closed_form = 2.0 * limit / GRAVITY - scenario.machine.masses.total
+    softness = paper_stiffness(scenario)
     return (
         Metric(
             "payload_on_up_branches_kg",
@@ -411,7 +449,7 @@ def paper_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tu
         ),
         Metric(
             "up_share",
-            paper_share(),
+            paper_share(scenario),
             "",
             1.0,
             at_least=1.0 / 3.0,
@@ -422,19 +460,19 @@ def paper_metrics(scenario: ChairPayloadScenario, instants: list[Instant]) -> tu
             softness,
             meaning="stiffness of a UPS branch by that of a UP branch, for that share",
         ),
-        _paper_force(stand, softness),
+        _paper_force(stand, softness, limit),
     )
 
 
-def _paper_force(stand: Stand, softness: float) -> Metric:
+def _paper_force(stand: Stand, softness: float, limit: float) -> Metric:
     carried = elastic_forces(stand, PAPER_PAYLOAD, ups_stiffness=softness)
     return Metric(
         "up_force_n",
         float(carried.branch_forces.max()),
         "N",
-        (1.0 + _SAME_FORCE) * FORCE_LIMIT,
-        at_least=(1.0 - _SAME_FORCE) * FORCE_LIMIT,
-        paper=FORCE_LIMIT,
+        (1.0 + _SAME_FORCE) * limit,
+        at_least=(1.0 - _SAME_FORCE) * limit,
+        paper=limit,
         meaning=f"force of a UP branch under {PAPER_PAYLOAD:g} kg with UPS branches that soft",
     )
 
@@ -459,13 +497,13 @@ def _balance_error(instant: Instant) -> float:
 
 def figures(scenario: ChairPayloadScenario, instants: list[Instant]) -> tuple[Figure, ...]:
     """Figures of the payload."""
-    mass, softness = scenario.payload.mass_kg, paper_stiffness(scenario.walk)
+    mass, softness = scenario.payload.mass_kg, paper_stiffness(scenario)
     return (
         Figure(
             "payload_over_time",
             "Largest payload through a step",
             "What the best distribution of forces carries at each instant, within every branch's "
-            f"{scenario.force_limit:g} N, beside the paper's {PAPER_PAYLOAD:g} kg.",
+            f"{scenario.machine.drives.max_force_N:g} N, beside the paper's {PAPER_PAYLOAD:g} kg.",
             partial(_draw_payload, scenario, instants),
             (8.0, 3.2),
         ),
@@ -525,7 +563,7 @@ def _draw_support(
     scenario: ChairPayloadScenario, instants: list[Instant], canvas: "Canvas"
 ) -> None:
     walk = scenario.walk
-    support = GaitSupport(GEOMETRY, walk, MASSES)
+    support = GaitSupport(scenario.machine.geometry, walk, scenario.machine.masses)
     phases_shown = [walk.phases.index(name) for name in (FIRST_SWING, SECOND_SWING)]
     panels: Any = canvas.subplots(1, len(phases_shown), sharex=True, sharey=True)
     for axes, phase in zip(panels, phases_shown, strict=True):
@@ -559,9 +597,11 @@ class _Placed(NamedTuple):
 
 
 def _placed(scenario: ChairPayloadScenario, instant: Instant) -> _Placed:
-    body = np.asarray(scenario.walk.motion(GEOMETRY, instant.time).body.position)
+    body = np.asarray(scenario.walk.motion(scenario.machine.geometry, instant.time).body.position)
     feet = instant.stand.corners.reshape(LEG_COUNT, 3, 3)
-    _, centre = centre_of_mass(MASSES, scenario.payload.passenger, feet.mean(axis=1))
+    _, centre = centre_of_mass(
+        scenario.machine.masses, scenario.payload.passenger, feet.mean(axis=1)
+    )
     return _Placed(instant.time, body + feet, body + centre)
 
 
@@ -577,7 +617,7 @@ def _draw_margin(axes: Any, polygon: SupportPolygon, centre: Floats) -> None:
 def _draw_forces(
     scenario: ChairPayloadScenario, instants: list[Instant], canvas: "Canvas"
 ) -> None:
-    labels = ("all as stiff", f"UPS {paper_stiffness(scenario.walk):.2f} times")
+    labels = ("all as stiff", f"UPS {paper_stiffness(scenario):.2f} times")
     rows: Any = canvas.subplots(2, LEG_COUNT, sharex=True, sharey=True)
     for row, name, label in zip(rows, ("equal", "soft"), labels, strict=True):
         forces = np.array([getattr(instant, name).branch_forces for instant in instants])
@@ -585,7 +625,7 @@ def _draw_forces(
         for leg, axes in enumerate(row):
             for branch, style in enumerate(_STYLES):
                 axes.plot(time, values[:, leg, branch], **style)
-            axes.axhline(scenario.force_limit, **_LIMIT)
+            axes.axhline(scenario.machine.drives.max_force_N, **_LIMIT)
             for end in scenario.walk.ends[:-1]:
                 axes.axvline(end, color="0.9", linewidth=0.8, zorder=0)
         row[0].set_ylabel(f"{label}\nforce [N]")
@@ -609,9 +649,9 @@ def _notes(scenario: ChairPayloadScenario, metrics: tuple[Metric, ...]) -> tuple
         f"{best:.0f} kg and more. They lie between that and the "
         f"{values['payload_on_up_branches_kg']:.1f} kg of feet that press on the ground under "
         f"their UP branches alone.",
-        f"It is the payload at which a UP branch with {100.0 * paper_share():.0f} % of its leg's "
-        f"load reaches its thrust while two legs stand. UPS branches that are "
-        f"{paper_stiffness(scenario.walk):.2f} times as stiff would explain that share, and the "
-        "paper's remark that branch 1 of each leg takes the largest current; that is a fit and no "
-        "measurement.",
+        "It is the payload at which a UP branch with "
+        f"{100.0 * paper_share(scenario):.0f} % of its leg's load reaches its thrust while two "
+        f"legs stand. UPS branches that are {paper_stiffness(scenario):.2f} times as stiff would "
+        "explain that share, and the paper's remark that branch 1 of each leg takes the largest "
+        "current; that is a fit and no measurement.",
     )

@@ -39,7 +39,6 @@ from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.checks import check_forces, check_gait
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.operator import ChairControls
 from parapod.systems.walking_chair.support import GaitSupport, SupportLost
 
@@ -102,7 +101,7 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
 
     def duration(self, scenario: ChairScenario) -> float:
         """Standing, walk, standing [s]."""
-        return scenario.begin + scenario.gait.walk.duration + scenario.end
+        return scenario.begin + scenario.walk.duration + scenario.end
 
     def operated(self, scenario: ChairScenario, controls: Any) -> ClosedLoop[ChairScenario]:
         """The walk, step by step while a person holds a button."""
@@ -153,7 +152,7 @@ def _refuse_held(scenario: ChairScenario, signals: Signals) -> None:
     if signals["done"][-1, 0] > 0.5 or not holds[-1]:
         return
     first_held = int(np.argmax(holds))
-    walk = scenario.gait.walk
+    walk = scenario.walk
     phase = walk.phase_at(float(signals["gait_time"][first_held, 0]))
     raise SupportLost(
         float(signals["support_margin"][first_held, 0]),
@@ -166,16 +165,16 @@ def _refuse_held(scenario: ChairScenario, signals: Signals) -> None:
 def body_desired(scenario: ChairScenario, signals: Signals) -> NDArray[np.float64]:
     """(n, 3) where the body's centre S should have been [m]."""
     times = signals["gait_time"][:, 0]
-    motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, times)
+    motion = scenario.walk.motions(scenario.machine.geometry, times)
     return np.asarray(motion.body.position)
 
 
 def lengths_desired(scenario: ChairScenario, signals: Signals) -> NDArray[np.float64]:
     """(n, 12) lengths that the branches should have had [m]."""
     times = signals["gait_time"][:, 0]
-    motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, times)
+    motion = scenario.walk.motions(scenario.machine.geometry, times)
     body, feet = motion.body.position, motion.feet.position
-    lengths = chair_inverse(CHAIR_GEOMETRY, body, np.eye(3), feet, motion.references)
+    lengths = chair_inverse(scenario.machine.geometry, body, np.eye(3), feet, motion.references)
     return lengths.reshape(len(times), -1)
 
 
@@ -260,7 +259,7 @@ def _controller_metrics(
             "max_branch_speed_mm_s",
             1e3 * float(np.abs(signals["legs.velocity"]).max()),
             "mm/s",
-            scenario.drives.max_velocity_mm_s,
+            scenario.machine.drives.max_velocity_mm_s,
             paper=80.0,
             meaning="largest speed of any branch, by the encoders",
         ),
@@ -311,7 +310,7 @@ def _shade_swings(axes: "Axes", time: NDArray[np.float64], signals: Signals) -> 
 
 def _body_bound(scenario: ChairScenario) -> float:
     """Bound of the body's error, which grows with the cycles [mm]."""
-    cycles = max(gait.cycles for gait in scenario.gait.walk.gaits)
+    cycles = max(gait.cycles for gait in scenario.walk.gaits)
     return _BODY_ERROR + 0.1 * _DRIFT * (cycles - 1)
 
 
@@ -431,17 +430,19 @@ def check_walk(scenario: ChairScenario) -> None:
             f"{plant.time_step:g} s",
             "control.period",
         )
-    walk, passenger = scenario.gait.walk, scenario.passenger.passenger
+    walk, passenger = scenario.walk, scenario.passenger.passenger
+    machine, drives = scenario.machine, scenario.machine.drives
     for gait in walk.gaits:
-        check_gait(CHAIR_GEOMETRY, gait, 1e-3 * scenario.drives.max_velocity_mm_s)
+        check_gait(machine.geometry, gait, 1e-3 * drives.max_velocity_mm_s)
     required = 1e-3 * control.support_margin_mm
-    GaitSupport(CHAIR_GEOMETRY, walk).check(passenger, required)
-    check_forces(CHAIR_GEOMETRY, walk, passenger)
+    GaitSupport(machine.geometry, walk, machine.masses).check(passenger, required)
+    limit, stiffness = drives.max_force_N, drives.stiffness
+    check_forces(machine.geometry, walk, passenger, machine.masses, limit, stiffness)
 
 
 def make_scene(scenario: ChairScenario) -> Meshcat:
     """A scene around the chair's way."""
-    walk = scenario.gait.walk
+    walk = scenario.walk
     ends = [gait.end[1] for gait in walk.gaits]
     middle = 0.5 * float(np.mean((min(0.0, *ends), max(0.0, *ends))))
     return make_viewer(camera=(2.6, 2.7 + middle, 1.5), target=(0.0, middle, 0.80))

@@ -24,7 +24,7 @@ from parapod.systems.walking_chair.geometry import (
 )
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
-from parapod.systems.walking_chair.statics import force_map, rest
+from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
 
 # A length that was computed for an actuator at its stroke's end must be admissible [m].
 _STROKE_TOLERANCE = 1e-9
@@ -224,6 +224,7 @@ def check_forces(
     passenger: Passenger,
     masses: ChairMasses = ChairMasses(),
     limit: float = FORCE_LIMIT,
+    stiffness: float = STIFFNESS,
 ) -> None:
     """Refuses a passenger who is too heavy for the branches, which share the load as springs.
 
@@ -235,6 +236,7 @@ def check_forces(
         passenger: person on the seat.
         masses: masses of the chair.
         limit: largest force of a branch, either way [N].
+        stiffness: axial stiffness of a branch [N/m].
 
     Raises:
         ForceExceeded: names the branch and the time of the largest force.
@@ -249,7 +251,7 @@ def check_forces(
         mass, centre = centre_of_mass(masses, passenger, places.mean(axis=-2))
         vertical = force_map(geometry, at)[..., 2]
         own = masses.foot_end * GRAVITY
-        at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own)
+        at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own, stiffness)
         forces.append(at_rest.branch_forces)
     refuse_forces(np.array(forces), limit, times, BRANCHES)
 

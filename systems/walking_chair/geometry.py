@@ -70,6 +70,11 @@ class LegGeometry:
             )
 
     @property
+    def stroke(self) -> float:
+        """Way of an actuator between its ends [m]."""
+        return self.actuator_max - self.actuator_min
+
+    @property
     def x1(self) -> float:
         """x_1: from the upper platform's face down to the upper universal joints [m]."""
         return self.t1 + self.d1 + self.d2
@@ -175,14 +180,18 @@ class ChairGeometry:
     Attributes:
         leg: the legs, which are equal.
         placements: placements of the four legs, in the paper's order 1..4; assumed, not printed.
+        seat_height: height of the seat above S [m] (assumption).
     """
 
     leg: LegGeometry = LegGeometry()
     placements: tuple[LegPlacement, ...] = ASSUMED_PLACEMENTS
+    seat_height: float = 0.198
 
     def __post_init__(self) -> None:
         if len(self.placements) != LEG_COUNT:
             raise ValueError(f"placements must be {LEG_COUNT}, not {len(self.placements)}")
+        if not (math.isfinite(self.seat_height) and self.seat_height > 0.0):
+            raise ValueError(f"seat_height must be positive, not {self.seat_height!r}")
 
     @cached_property
     def R_SA(self) -> NDArray[np.float64]:

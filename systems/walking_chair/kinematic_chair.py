@@ -14,7 +14,7 @@ from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
-from parapod.systems.walking_chair.statics import force_map, rest
+from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
 
 _CORNERS = 3 * LEG_COUNT
 _LEVEL = np.eye(3)
@@ -73,6 +73,7 @@ class KinematicChair(LeafSystem):
         passenger: Passenger = Passenger(),
         period: float = 0.01,
         place: ArrayLike = (0.0, 0.0),
+        stiffness: float = STIFFNESS,
     ):
         """Creates the plant.
 
@@ -82,10 +83,11 @@ class KinematicChair(LeafSystem):
             passenger: person on the seat in a default context.
             period: time between looks at what carries [s].
             place: x and y (2) of the body in a default context, where it looks ahead [m].
+            stiffness: axial stiffness of a branch [N/m].
         """
         super().__init__()
         self.set_name("kinematic_chair")
-        self._geometry, self._masses = geometry, masses
+        self._geometry, self._masses, self._stiffness = geometry, masses, stiffness
         self._position = self.DeclareVectorInputPort("position", len(BRANCHES))
         self._passenger = self.DeclareNumericParameter(BasicVector(_numbers(passenger)))
         self.DeclareDiscreteState(_looking_ahead(place))
@@ -158,7 +160,7 @@ class KinematicChair(LeafSystem):
         flat = corners.reshape(_CORNERS, 3)
         vertical = force_map(self._geometry, lengths)[..., 2]
         foot_weight = self._masses.foot_end * GRAVITY
-        at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight)
+        at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight, self._stiffness)
         tilt = RollPitchYaw(at_rest.roll, at_rest.pitch, 0.0).ToRotationMatrix().matrix()
         rotated = flat @ tilt.T
         carry = at_rest.loads > 0.0

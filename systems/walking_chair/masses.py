@@ -57,12 +57,14 @@ class Passenger:
         x: x of its centre of mass, to the right of S [m].
         y: ahead of S [m].
         height: above S [m] (assumption: the belly of a sitting person).
+        gyration: radius of gyration about any axis through it [m] (assumption).
     """
 
     mass: float = 57.0
     x: float = 0.0
     y: float = 0.0
     height: float = 0.35
+    gyration: float = 0.26
 
     @property
     def place(self) -> NDArray[np.float64]:

@@ -35,23 +35,19 @@ from parapod.systems.walking_chair.geometry import (
 from parapod.systems.walking_chair.leg import up_of_lengths, ups_vectors
 from parapod.systems.walking_chair.masses import Passenger
 
-# Geometry of the files in `parapod.urdf.walking_chair`.
-CHAIR_GEOMETRY = ChairGeometry()
-# Radius of gyration of a sitting person [m] (assumption).
-_GYRATION = 0.26
 _BRANCHES = ("up", "ups_2", "ups_3")
 
 
 def moment_of_inertia(passenger: Passenger) -> float:
     """Moment of inertia of a passenger about any axis through the centre of mass [kg m^2]."""
-    sphere = UnitInertia.SolidSphere(math.sqrt(2.5) * _GYRATION)
+    sphere = UnitInertia.SolidSphere(math.sqrt(2.5) * passenger.gyration)
     return float(passenger.mass * sphere.get_moments()[0])
 
 
 def inertia_of(passenger: Passenger) -> SpatialInertia:
     """Inertia of a passenger about the centre of mass, as a parser has it from the moment."""
     if passenger.mass == 0.0:
-        return SpatialInertia(0.0, np.zeros(3), UnitInertia.SolidSphere(_GYRATION))
+        return SpatialInertia(0.0, np.zeros(3), UnitInertia.SolidSphere(passenger.gyration))
     moment = moment_of_inertia(passenger)
     central = RotationalInertia(moment, moment, moment)
     return SpatialInertia.MakeFromCentralInertia(passenger.mass, np.zeros(3), central)
@@ -80,11 +76,11 @@ class ChairModel:
 
     Attributes:
         plant: the plant.
-        geometry: geometry to which the files are drawn.
+        geometry: dimensions of the chair.
     """
 
     plant: MultibodyPlant
-    geometry: ChairGeometry = CHAIR_GEOMETRY
+    geometry: ChairGeometry
 
     @cached_property
     def body(self) -> RigidBody:

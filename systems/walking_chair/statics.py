@@ -102,6 +102,7 @@ def rest(
     weight: float,
     centre: NDArray[np.float64],
     foot_weight: float = 0.0,
+    stiffness: float = STIFFNESS,
 ) -> Rest:
     """Find how the chair rests.
 
@@ -111,11 +112,12 @@ def rest(
         weight: weight of the whole [N].
         centre: (2) or (3) centre of mass from S in {S} [m].
         foot_weight: weight of each foot, part of the whole [N].
+        stiffness: axial stiffness of a branch [N/m].
     """
     x, y, z = corners.T
     # Heights are relative to the lowest one; S is found from it.
     level = z - z.min()
-    root = by_vertical / np.sqrt(STIFFNESS)
+    root = by_vertical / np.sqrt(stiffness)
     own = np.full(len(x), foot_weight / 3.0)
     balance = np.stack((np.ones(len(x)), x - centre[0], y - centre[1]))
     springs = root @ own - np.linalg.solve(root.T, level)

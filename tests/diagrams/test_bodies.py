@@ -7,7 +7,7 @@ import pytest
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from parapod.diagrams.bodies import Body, BodyScenario, fit_link, in_si, scale_joints
+from parapod.diagrams.bodies import Body, BodyScenario, fit_link, in_si, place_joints
 from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -74,9 +74,9 @@ def test_shapes_are_stretched_along_the_axes_of_the_link():
 def test_what_is_not_changed_stays_as_it_is_written():
     root = fromstring(BOX)
     fit_link(root, "box", (1.0, 1.0, 1.0), Body(6.0))
-    scale_joints(root, {"j": 1.0})
+    place_joints(root, {"j": (1.0, 2.0 + 1e-14, 3.0)})
     assert tostring(root) == tostring(fromstring(BOX))
-    scale_joints(root, {"j": 2.0})
+    place_joints(root, {"j": (2.0, 4.0, 6.0)})
     assert root.find("joint/origin").get("xyz") == "2.0 4.0 6.0"
 
 

@@ -12,9 +12,11 @@ from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario, GaitScenario
 from parapod.systems.walking_chair.gait import Walk, starting_lengths
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.payload import PayloadEstimator
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 SIGNALS = (
     "gait_time",
@@ -52,7 +54,7 @@ def errors_of(scenario, until):
     simulator, loop = begun(scenario)
     simulator.AdvanceTo(until)
     signals = loop.recording(simulator.get_context())
-    motion = scenario.gait.walk.motions(CHAIR_GEOMETRY, signals["gait_time"][:, 0])
+    motion = scenario.walk.motions(CHAIR_GEOMETRY, signals["gait_time"][:, 0])
     error = signals["truth.body_position"] - np.asarray(motion.body.position)
     return np.linalg.norm(error[signals.time > 0.3], axis=1), signals
 
@@ -62,11 +64,13 @@ def test_a_controller_is_that_of_the_chair_that_it_is_given():
     other = replace(CHAIR_GEOMETRY, leg=replace(CHAIR_GEOMETRY.leg, b=0.21, a=0.19))
     scenario = scenario_for()
     scenario.begin = 10.0
-    walk, force = scenario.gait.walk, np.full(12, 100.0)
+    walk, force = scenario.walk, np.full(12, 100.0)
     start = starting_lengths(CHAIR_GEOMETRY, walk).ravel()
     margins = []
     for geometry in (CHAIR_GEOMETRY, other):
-        controller = make_controller(scenario, geometry=geometry)
+        scenario.machine.leg.a_mm = 1e3 * geometry.leg.a
+        scenario.machine.leg.b_mm = 1e3 * geometry.leg.b
+        controller = make_controller(scenario)
         simulator = Simulator(controller)
         context = simulator.get_mutable_context()
         payload = Alone(PayloadEstimator(geometry=geometry), {"position": start, "current": force})
@@ -89,7 +93,7 @@ def test_a_controller_is_that_of_the_chair_that_it_is_given():
 
 def test_a_walk_back_is_followed():
     scenario = scenario_for(gait__way="back")
-    whole = scenario.begin + scenario.gait.walk.duration + scenario.end
+    whole = scenario.begin + scenario.walk.duration + scenario.end
     errors, signals = errors_of(scenario, whole)
     assert errors.max() < 1e-3
     assert signals["truth.body_position"][-1, 1] == pytest.approx(-0.03, abs=2e-4)
@@ -135,7 +139,11 @@ def test_a_passenger_who_sits_up_again_is_carried_on():
 
 
 def test_ways_of_the_scenario_are_walks():
-    assert isinstance(GaitScenario(way="forward").walk, Walk)
-    assert GaitScenario(way="forward", cycles=3).walk.gaits[0].end[1] == pytest.approx(0.3081)
-    assert GaitScenario(way="back").walk.gaits[0].end[1] == pytest.approx(-0.1027)
-    assert GaitScenario(way="forward and back").walk.gaits[-1].end == pytest.approx((0.0, 0.0))
+    def end_of(way, cycles=1):
+        walk = GaitScenario(way=way, cycles=cycles).walk_of(CHAIR_GEOMETRY.leg)
+        assert isinstance(walk, Walk)
+        return walk.gaits[-1].end
+
+    assert end_of("forward", 3)[1] == pytest.approx(0.3081)
+    assert end_of("back")[1] == pytest.approx(-0.1027)
+    assert end_of("forward and back") == pytest.approx((0.0, 0.0))

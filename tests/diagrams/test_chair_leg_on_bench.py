@@ -15,7 +15,9 @@ from parapod.sims.terrain_simulator.leg import chair_leg_scenario
 from parapod.sims.terrain_simulator.walk import check_bench
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.walking_chair.checks import ForceExceeded, SpeedExceeded, StrokeExceeded
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.geometry import ChairGeometry
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 # Largest errors of the standing and the swinging foot [m], about a third above those measured.
 STANCE, SWING = 0.25e-3, 0.16e-3

@@ -10,8 +10,10 @@ from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import SIMULATED, ChairScenario
 from parapod.diagrams.wiring import idle_inputs
 from parapod.systems.walking_chair.gait import starting_lengths
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 
 def scenario_for(backend, **changes):
@@ -49,8 +51,8 @@ class Held:
 def test_a_braked_chair_stays_where_its_walk_begins(backend):
     held = Held(scenario_for(backend))
     held.simulator.AdvanceTo(0.5)
-    lengths = starting_lengths(CHAIR_GEOMETRY, held.station.scenario.gait.walk).ravel()
-    count = 1e-3 * held.station.scenario.drives.encoder_resolution_mm
+    lengths = starting_lengths(CHAIR_GEOMETRY, held.station.scenario.walk).ravel()
+    count = 1e-3 * held.station.scenario.machine.drives.encoder_resolution_mm
     np.testing.assert_allclose(held.shown("legs.position"), lengths, rtol=0, atol=count)
     np.testing.assert_array_equal(held.shown("legs.velocity"), 0.0)
     assert not held.shown("status.fault").any()

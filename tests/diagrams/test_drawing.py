@@ -16,7 +16,10 @@ from parapod.systems.levelling_platform.sliders import PostureSliders
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import Walk
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import Passenger
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 
 def test_meshcat_is_told_thirty_times_a_second():
@@ -66,15 +69,15 @@ def test_a_picture_of_the_chair_shows_it_where_the_walk_is_at_that_time(monkeypa
     monkeypatch.setattr(chair, "take", take)
     walk, time = Walk(), 0.4 * Walk().duration
     assert chair.photograph(["from the side"], walk, time, passenger) == ["from the side"]
-    motion = walk.motion(chair.CHAIR_GEOMETRY, time)
+    motion = walk.motion(CHAIR_GEOMETRY, time)
     body = motion.body.position
     np.testing.assert_allclose(seen["body::body"].translation(), body, atol=1e-12)
     place = seen["passenger::passenger"].translation()
     np.testing.assert_allclose(place, body + passenger.place, atol=1e-12)
     lengths = chair_inverse(
-        chair.CHAIR_GEOMETRY, body, np.eye(3), motion.feet.position, motion.references
+        CHAIR_GEOMETRY, body, np.eye(3), motion.feet.position, motion.references
     )
-    corners = foot_corners(chair.CHAIR_GEOMETRY, body, np.eye(3), lengths)
+    corners = foot_corners(CHAIR_GEOMETRY, body, np.eye(3), lengths)
     told = corners[np.arange(4), np.asarray(motion.references) - 1]
     np.testing.assert_allclose(told, motion.feet.position, atol=1e-12)
     feet = [seen[f"leg_{i}::foot"].translation() for i in (1, 2, 3, 4)]

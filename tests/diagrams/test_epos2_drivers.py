@@ -24,8 +24,9 @@ from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.epos2.settings import ScrewSettings
 from parapod.systems.hardware.epos2.switches import switches_of_limbs
-from parapod.systems.walking_chair.geometry import LEG_COUNT
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 AXES = 12
 PORTS = PartPorts({}, {})

@@ -12,9 +12,11 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.walking_chair.geometry import BRANCHES
+from parapod.systems.walking_chair.geometry import BRANCHES, LegGeometry
 
 PERIOD = 0.01
+LEGS = chair.make_homing(LegGeometry())
+RETRACTED, EXTENDED = np.tile(LegGeometry().strokes, (LEG_COUNT, 1)).T
 NI = SimpleNamespace(extended_mm=459.5)
 EPOS = SimpleNamespace(homing_current_a=0.5)
 LONGEST = 20_000  # calls, 200 s
@@ -66,8 +68,8 @@ class Branches:
     """Twelve screws between their ends, whose motors push with what they may."""
 
     def __init__(self, way=0.01, jam=None, retracted=None):
-        self.low = chair._RETRACTED.copy() if retracted is None else retracted
-        self.high = chair._EXTENDED.copy()
+        self.low = RETRACTED.copy() if retracted is None else retracted
+        self.high = EXTENDED.copy()
         self.true = self.low + way
         if jam is not None:
             index, at = jam
@@ -342,23 +344,23 @@ def test_an_axis_that_comes_no_nearer_is_named():
 
 def test_branches_find_their_ends_all_at_once_and_stand_off_them_in_the_end():
     branches = Branches()
-    error, found = homed(branches, chair.LEGS, EPOS)
+    error, found = homed(branches, LEGS, EPOS)
     assert np.abs(error).max() < 1e-6
     assert found.spread.max() < 1e-6
     branches.offset = -error  # the reference is set
-    (check,) = carried_out(chair.check_strokes(chair.LEGS, EPOS, PERIOD), branches)
+    (check,) = carried_out(LEGS.checks(LEGS, EPOS, PERIOD), branches)
     assert check.is_held
     assert abs(check.value) < 1e-3
-    off = chair._RETRACTED + chair._OFF
+    off = RETRACTED + chair._OFF
     assert branches.true == pytest.approx(off, abs=5e-4)
 
 
 def test_a_branch_that_was_jammed_has_too_short_a_stroke():
     branches = Branches(way=0.02, jam=(4, 0.008))
-    error, _ = homed(branches, chair.LEGS, EPOS)
+    error, _ = homed(branches, LEGS, EPOS)
     assert error[4] == pytest.approx(-0.008, abs=1e-5)
     branches.offset = -error
-    (check,) = carried_out(chair.check_strokes(chair.LEGS, EPOS, PERIOD), branches)
+    (check,) = carried_out(LEGS.checks(LEGS, EPOS, PERIOD), branches)
     assert not check.is_held
     assert check.value == pytest.approx(-8.0, abs=0.1)
     assert BRANCHES[4] in check.meaning
@@ -374,11 +376,11 @@ def test_a_branch_that_stands_without_pushing_has_found_no_end():
 
     branches.step = powerless
     with pytest.raises(HomingError, match="legs 1 stands, but its end has not shown"):
-        homed(branches, chair.LEGS, EPOS)
+        homed(branches, LEGS, EPOS)
 
 
 def test_a_branch_without_power_is_not_taken_for_one_at_its_end():
     branches = Branches()
     branches.dead = {7}
     with pytest.raises(HomingError, match="legs 8 stands, but its end has not shown"):
-        homed(branches, chair.LEGS, EPOS)
+        homed(branches, LEGS, EPOS)

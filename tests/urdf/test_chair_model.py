@@ -9,9 +9,12 @@ from pydrake.systems.framework import DiagramBuilder
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY, ChairPose, ChairTruth
+from parapod.systems.walking_chair.model import ChairPose, ChairTruth
 from parapod.systems.walking_chair.payload import FORCE_LIMIT
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 LEG = CHAIR_GEOMETRY.leg
 GAIT = TrotGait()

@@ -7,13 +7,14 @@ import numpy as np
 from parapod.sims.report.chapter import Claim, Numbers, Relation
 from parapod.systems.walking_chair.checks import SPEED_LIMIT
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import leg_inverse
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.payload import FORCE_LIMIT, PayloadEstimatorParams
 from parapod.systems.walking_chair.trajectories import FootCircle, FootTrajectory
 
-_LEG, _GAIT = CHAIR_GEOMETRY.leg, TrotGait()
+_CHAIR, _GAIT = ChairGeometry(), TrotGait()
+_LEG = _CHAIR.leg
 _HEIGHT = _LEG.retracted_height
 
 
@@ -45,7 +46,7 @@ def _dimensions() -> tuple[Claim, ...]:
         ("d_5", 20.0, _LEG.d5),
         ("d_6", 62.0, _LEG.d6),
     )
-    places = CHAIR_GEOMETRY.placements[2]
+    places = _CHAIR.placements[2]
     return (
         *(_used("Table 1", name, printed, "mm", 1e3 * here) for name, printed, here in table),
         Claim("Table 1", "range of the actuators", "441 to 741", "mm",
@@ -59,7 +60,7 @@ def _dimensions() -> tuple[Claim, ...]:
 def _gait() -> tuple[Claim, ...]:
     """The section on the gait, and Fig. 8."""
     where, part = "trotting gait simulation", "chair-gait"
-    at_end = gait_branches(CHAIR_GEOMETRY, _GAIT, 25.0).length
+    at_end = gait_branches(_CHAIR, _GAIT, 25.0).length
     lift = _GAIT.lift
     swing = FootTrajectory(_GAIT.step, _GAIT.swing_height, _GAIT.phase_duration)
     peak = float(swing.motion(0.5 * _GAIT.phase_duration).position[2])

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import carried, leg_corners
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-_LEG = CHAIR_GEOMETRY.leg
+_CHAIR = ChairGeometry()
+_LEG = _CHAIR.leg
 # A posture in which nothing hides behind something else: l_11 [m], alpha, beta [rad].
 _UP = np.array((0.68, math.radians(7.0), math.radians(9.0)))
 _NAMES = ("UP", "UPS 2", "UPS 3")
@@ -65,7 +66,7 @@ def _draw_arrangement(canvas: "Canvas") -> None:
     axes: Any = canvas.subplots()
     corners = _LEG.upper_joints * (1.0, 1.0, 0.0)
     for leg in range(4):
-        rotated = corners @ CHAIR_GEOMETRY.R_SA[leg].T + CHAIR_GEOMETRY.p_SA[leg]
+        rotated = corners @ _CHAIR.R_SA[leg].T + _CHAIR.p_SA[leg]
         _polygon(axes, rotated[:, :2], color="black", linewidth=1.4)
         for k, (x, y, _) in enumerate(rotated):
             axes.plot(1e3 * x, 1e3 * y, "o", color=COLOURS[k], ms=6)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from parapod.sims.report.chapter import Check, Erratum, Numbers
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import branch_lengths, leg_corners, leg_inverse, up_branch
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.printed import (
     printed_angles,
     printed_jacobian,
@@ -20,7 +20,8 @@ from parapod.systems.walking_chair.printed import (
 )
 from parapod.systems.walking_chair.rates import leg_jacobian
 
-_LEG = CHAIR_GEOMETRY.leg
+_CHAIR = ChairGeometry()
+_LEG = _CHAIR.leg
 _GAIT = TrotGait()
 # A posture away from every symmetry: l_11 [m], alpha, beta [rad].
 _UP = np.array((0.70, math.radians(10.0), math.radians(15.0)))
@@ -63,7 +64,7 @@ def _half_angles() -> Check:
 
 def _signs() -> Check:
     times = np.linspace(0.0, _GAIT.duration, 501)
-    lengths = gait_branches(CHAIR_GEOMETRY, _GAIT, times).length
+    lengths = gait_branches(_CHAIR, _GAIT, times).length
     tilts = np.degrees(_tilts(times))
     return Check(
         f"In the paper's own gait beta runs from {tilts.min():.2f} to {tilts.max():.2f} deg "
@@ -74,10 +75,10 @@ def _signs() -> Check:
 
 def _tilts(times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angles beta of all legs in the gait (n, 4) [rad]."""
-    motion = gait_motion(CHAIR_GEOMETRY, _GAIT, times)
+    motion = gait_motion(_CHAIR, _GAIT, times)
     body = np.asarray(motion.body.position)
-    from_leg = motion.feet.position - body[:, None, :] - CHAIR_GEOMETRY.p_SA
-    points = np.einsum("lij,nli->nlj", CHAIR_GEOMETRY.R_SA, from_leg)
+    from_leg = motion.feet.position - body[:, None, :] - _CHAIR.p_SA
+    points = np.einsum("lij,nli->nlj", _CHAIR.R_SA, from_leg)
     tilts: NDArray[np.float64] = up_branch(_LEG, points, motion.references)[..., 2]
     return tilts
 
@@ -123,9 +124,7 @@ def _body_acceleration() -> Check:
 
 def _impulses() -> Check:
     ends = _GAIT.phase_duration * np.arange(1, 5)
-    sides = [
-        gait_branches(CHAIR_GEOMETRY, _GAIT, ends, side).velocity for side in ("left", "right")
-    ]
+    sides = [gait_branches(_CHAIR, _GAIT, ends, side).velocity for side in ("left", "right")]
     steps = 1e3 * np.abs(sides[1] - sides[0]).max(axis=(1, 2))
     printed_steps = ", ".join(f"{step:.2f}" for step in steps)
     return Check(
@@ -137,15 +136,15 @@ def _impulses() -> Check:
 
 def _flat_feet() -> Check:
     times = np.linspace(0.0, _GAIT.duration, 501)
-    motion = gait_motion(CHAIR_GEOMETRY, _GAIT, times)
+    motion = gait_motion(_CHAIR, _GAIT, times)
     body = np.asarray(motion.body.position)
     # The feet's E_1 corners take the way that the reference corners have, as the paper's text
     # does that speaks of E_1 alone.
     corner = _LEG.corners[motion.references[0] - 1]
-    shift = np.einsum("lij,lj->li", CHAIR_GEOMETRY.R_SA, corner)
+    shift = np.einsum("lij,lj->li", _CHAIR.R_SA, corner)
     feet = motion.feet.position - shift
-    lengths = chair_inverse(CHAIR_GEOMETRY, body, np.eye(3), feet, 1)
-    lowest = 1e3 * foot_corners(CHAIR_GEOMETRY, body, np.eye(3), lengths)[..., 2].min()
+    lengths = chair_inverse(_CHAIR, body, np.eye(3), feet, 1)
+    lowest = 1e3 * foot_corners(_CHAIR, body, np.eye(3), lengths)[..., 2].min()
     tilt = np.degrees(np.abs(_tilts(times)).max())
     return Check(
         f"A foot beside its hinge is tilted, in this gait by up to {tilt:.1f} deg; given E_1 for "
@@ -157,7 +156,7 @@ def _flat_feet() -> Check:
 
 def _symmetry() -> Check:
     times = np.linspace(0.0, _GAIT.duration, 1001)
-    lengths = 1e3 * gait_branches(CHAIR_GEOMETRY, _GAIT, times).length
+    lengths = 1e3 * gait_branches(_CHAIR, _GAIT, times).length
     reversed_error = max(
         np.abs(lengths[:, a] - lengths[::-1, b]).max() for a, b in ((0, 3), (1, 2))
     )

@@ -17,7 +17,9 @@ from parapod.sims.output.rendered import rendered
 from parapod.sims.replay import film
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.walking_chair.gait import Walk, starting_lengths
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.geometry import ChairGeometry
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 LIFT = RigidTransform(np.array((0.0, 0.0, 0.5)))
 VIEW = View((3.0, 0.0, 0.5), (0.0, 0.0, 0.5), size=(160, 120))

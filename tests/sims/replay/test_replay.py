@@ -24,7 +24,9 @@ from parapod.sims.replay.replay import least_ends, near_limits, open_replays
 from parapod.sims.replay.serve import PageServer
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import TrotGait, Walk
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
+from parapod.systems.walking_chair.geometry import ChairGeometry
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 pytest.importorskip("plotly")
 MACHINE = find_machine("machining_centre")

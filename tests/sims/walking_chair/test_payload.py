@@ -107,9 +107,12 @@ def test_less_friction_carries_less(execute, values):
 @pytest.mark.parametrize(
     ("override", "broken"),
     [
-        ("force_limit=200", {"payload_frictionless_kg", "branch_force_frictionless_n"}),
         (
-            "force_limit=150",
+            "machine.drives.max_force_N=200",
+            {"payload_frictionless_kg", "branch_force_frictionless_n"},
+        ),
+        (
+            "machine.drives.max_force_N=150",
             {
                 "payload_frictionless_kg",
                 "payload_friction_kg",
@@ -128,7 +131,7 @@ def test_bounds_are_broken_by_what_they_are_about(execute, override, broken):
     found = execute("chair-payload", QUICK, override)
     assert {metric.key for metric in found.broken} == broken
     # With weaker actuators the paper's payload is not explained.
-    assert (found.notes == ()) == override.startswith("force_limit")
+    assert (found.notes == ()) == override.startswith("machine")
 
 
 def test_forces_that_do_not_balance_the_weight_break_their_bound():
@@ -145,15 +148,14 @@ def test_forces_that_do_not_balance_the_weight_break_their_bound():
 
 
 def test_feet_that_are_about_to_swing_do_not_carry():
-    walk = scenario_with().walk
-    feet = stand_at(walk, 5.0).touching.reshape(4, 3)
+    feet = stand_at(scenario_with(), 5.0).touching.reshape(4, 3)
     assert feet.tolist() == [[False] * 3, [True] * 3] * 2
-    assert stand_at(walk, 4.999).touching.all()
+    assert stand_at(scenario_with(), 4.999).touching.all()
 
 
 def test_the_share_is_that_of_the_closed_form():
     # 2 F_N = s g (49.2 kg + 57 kg)
-    assert paper_share() * 9.81 * 106.2 == pytest.approx(2.0 * 427.3)
+    assert paper_share(scenario_with()) * 9.81 * 106.2 == pytest.approx(2.0 * 427.3)
 
 
 @pytest.mark.parametrize(("order", "way"), [("13-24", "back"), ("24-13", "forward and back")])

@@ -9,14 +9,16 @@ from parapod.sims.report.chapter import Numbers, Tone
 from parapod.sims.walking_chair.report import errata as errata_module
 from parapod.sims.walking_chair.report.chapter import CHAPTER
 from parapod.sims.walking_chair.report.errata import ERRATA
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import leg_corners
-from parapod.systems.walking_chair.model import CHAIR_GEOMETRY
 from parapod.systems.walking_chair.printed import (
     printed_jacobian,
     printed_point_acceleration,
     printed_point_velocity,
 )
 from parapod.systems.walking_chair.rates import leg_jacobian
+
+CHAIR_GEOMETRY = ChairGeometry()
 
 NOTHING = Numbers({})
 
