@@ -18,7 +18,7 @@ from parapod.sims.terrain_simulator.leg import BenchLeg
 from parapod.sims.terrain_simulator.walk import BenchWalking
 
 _FLYING = (
-    "configuration=treadmill",
+    "machine.configuration=treadmill",
     *("gait.speed_m_s=2.75", "gait.duty=0.4", "gait.ramp=0.3"),
 )
 _CASES: tuple[tuple[str, tuple[str, ...], float, float | None], ...] = (

@@ -33,8 +33,10 @@ _UNITS: dict[str, Callable[[Any], Any]] = {
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
-# Factors along the axes of a link.
+# Factors along the axes of a link, and a point of it.
 type Stretch = tuple[float, float, float]
+type Place = tuple[float, float, float]
+_ORIGIN = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -102,13 +104,16 @@ def body_of(mass: float) -> Any:
     return field(default_factory=lambda: BodyScenario(mass))
 
 
-def in_si[T](design: Schema, kind: type[T], key: str = "machine", **others: Any) -> T:
+def in_si[T](
+    design: Schema, kind: type[T], key: str = "machine", usual: T | None = None, **others: Any
+) -> T:
     """Dimensions of a scenario as the dataclass that systems take.
 
     Args:
         design: schema with a key of the name of each field: as it is, or with `_mm` or `_deg`.
         kind: the dataclass; a key of None is left to it, and so is a field without a key.
         key: key of these dimensions in the scenario.
+        usual: values for keys of None; None: the dataclass's own.
         others: further fields, and their values.
 
     Raises:
@@ -120,8 +125,12 @@ def in_si[T](design: Schema, kind: type[T], key: str = "machine", **others: Any)
             continue
         for suffix, convert in _UNITS.items():
             name = f"{each.name}{suffix}"
-            if hasattr(design, name) and (value := getattr(design, name)) is not None:
+            if not hasattr(design, name):
+                continue
+            if (value := getattr(design, name)) is not None:
                 values[each.name], keys[each.name] = convert(value), name
+            elif usual is not None:
+                values[each.name] = getattr(usual, each.name)
     try:
         dimensions: T = _build(cast(Any, kind), tuple(values.items()))
         return dimensions
@@ -141,6 +150,7 @@ def fit_link(
     stretch: Stretch,
     body: Body | None,
     shapes: Mapping[str, Stretch] | None = None,
+    about: tuple[Place, Place] = (_ORIGIN, _ORIGIN),
 ) -> None:
     """Stretches a link of a URDF model, and gives it a mass.
 
@@ -150,16 +160,21 @@ def fit_link(
         stretch: factors along the axes of the link's frame; 1 leaves the file's numbers as they
             are.
         body: mass, and what is known of how it is spread; None: what the file has, by volume.
-        shapes: factors of single shapes, by their names in the file.
+        shapes: factors of single shapes, by their names in the file; they are stretched from the
+            link's origin.
+        about: point of the drawn link that is stretched about, and where it goes [m].
     """
     link = root.find(f"link[@name='{name}']")
     assert link is not None, name
-    factors = np.array(stretch)
+    factors, (point, place), others = np.array(stretch), np.array(about), shapes or {}
+    shift = place - factors * point
     for shape in (*link.findall("visual"), *link.findall("collision")):
-        of_shape = np.array((shapes or {}).get(shape.get("name", ""), stretch))
-        if (of_shape != 1.0).any():
-            _stretch_shape(shape, of_shape)
-    _stretch_inertia(link, factors, body)
+        name = shape.get("name", "")
+        if name in others:
+            _stretch_shape(shape, np.array(others[name]), np.zeros(3))
+        else:
+            _stretch_shape(shape, factors, shift)
+    _stretch_inertia(link, factors, shift, body)
 
 
 def place_joints(root: Element, origins: Mapping[str, ArrayLike]) -> None:
@@ -186,7 +201,8 @@ def limit_joints(root: Element, limits: Mapping[str, Mapping[str, float]]) -> No
         limit = root.find(f"joint[@name='{name}']/limit")
         assert limit is not None, name
         for attribute, value in values.items():
-            limit.set(attribute, repr(float(value)))
+            if not math.isclose(float(limit.get(attribute, "nan")), value, abs_tol=_SAME):
+                limit.set(attribute, repr(float(value)))
 
 
 def place_element(element: Element, attribute: str, values: ArrayLike) -> None:
@@ -205,13 +221,17 @@ def _write(element: Element, name: str, values: NDArray[np.float64]) -> None:
     element.set(name, " ".join(map(repr, values.tolist())))
 
 
-def _stretch_shape(shape: Element, factors: NDArray[np.float64]) -> None:
+def _stretch_shape(
+    shape: Element, factors: NDArray[np.float64], shift: NDArray[np.float64]
+) -> None:
     origin, (form,) = shape.find("origin"), tuple(_geometry(shape))
+    if origin is not None:
+        place_element(origin, "xyz", factors * _read(origin, "xyz") + shift)
+    if (factors == 1.0).all():
+        return
     rotation = RollPitchYaw(_read(origin, "rpy")).ToRotationMatrix().matrix()
     # Stretch along the shape's own axes; exact where these are along the link's.
     own = np.abs(rotation.T @ np.diag(factors) @ rotation).diagonal()
-    if origin is not None:
-        _write(origin, "xyz", factors * _read(origin, "xyz"))
     kind = form.tag.partition("}")[2] or form.tag
     if kind == "box":
         _write(form, "size", own * _read(form, "size"))
@@ -238,7 +258,9 @@ def _geometry(shape: Element) -> Iterator[Element]:
     yield from geometry
 
 
-def _stretch_inertia(link: Element, factors: NDArray[np.float64], body: Body | None) -> None:
+def _stretch_inertia(
+    link: Element, factors: NDArray[np.float64], shift: NDArray[np.float64], body: Body | None
+) -> None:
     """Second moments of mass, by which moments of inertia follow, are stretched twice."""
     inertial = link.find("inertial")
     assert inertial is not None
@@ -255,8 +277,8 @@ def _stretch_inertia(link: Element, factors: NDArray[np.float64], body: Body | N
             origin = Element("origin")
             inertial.insert(0, origin)
         _write(origin, "xyz", np.array(body.centre))
-    elif origin is not None and (factors != 1.0).any():
-        _write(origin, "xyz", factors * _read(origin, "xyz"))
+    elif origin is not None:
+        place_element(origin, "xyz", factors * _read(origin, "xyz") + shift)
     if body is not None and body.inertia is not None:
         moments = dict(zip(_MOMENTS, body.inertia, strict=True))
     elif mass != drawn_mass or (factors != 1.0).any():

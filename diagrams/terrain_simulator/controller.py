@@ -14,10 +14,10 @@ from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, inputs_of, outputs_of
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted, show
-from parapod.systems.terrain_simulator.cells import CELLS, FootForce
+from parapod.systems.terrain_simulator.cells import FootForce
 from parapod.systems.terrain_simulator.guard import SingularityGuard, SingularityGuardParams
 from parapod.systems.terrain_simulator.hip_support import HipSupport
-from parapod.systems.terrain_simulator.load_estimator import MASSES, LoadEstimator
+from parapod.systems.terrain_simulator.load_estimator import LoadEstimator
 
 # Period with which a leg may be controlled that nothing moves [s].
 _ANY_PERIOD = 1e-3
@@ -101,22 +101,18 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
     Outputs: those of the other table.
 
     Args:
-        scenario: its `configuration`, `leg`, `sliders` and `control` are used.
+        scenario: its `machine`, `leg` and `control` are used.
     """
-    geometry, configuration = scenario.geometry, scenario.configuration
+    machine = scenario.machine
+    geometry, sliders = machine.geometry, machine.sliders
     builder = DiagramBuilder()
-    params = SingularityGuardParams(
-        limits=scenario.sliders.limits, braking=scenario.sliders.max_acceleration_m_s2
-    )
+    params = SingularityGuardParams(limits=sliders.limits, braking=sliders.max_acceleration_m_s2)
     systems = (
         add(builder, SingularityGuard(geometry, params, scenario.control.period)),
         add(builder, make_leg_controller(scenario)),
         add(builder, HipSupport(scenario.hip.support, scenario.control.period)),
-        add(builder, FootForce(CELLS[configuration])),
-        add(
-            builder,
-            LoadEstimator(geometry, MASSES[configuration], scenario.sliders.force_per_current_N_A),
-        ),
+        add(builder, FootForce(machine.cells_geometry)),
+        add(builder, LoadEstimator(geometry, machine.masses, sliders.force_per_current_N_A)),
     )
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
     outputs["hip_brake"] = outputs["brake"]

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2ForceSlides, Epos2PositionScrews
 from parapod.systems.core.schema import quantity
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 
-_SLIDERS, _BENCH = 3, CONFIGURATIONS["pedal"]
+_SLIDERS, _BENCH = 3, BenchGeometry.pedal()
 _REAR, _FRONT = 1e3 * _BENCH.slider_min, 1e3 * _BENCH.slider_max
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, Sign, SignGuard
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.systems.terrain_simulator.kinematics import singularity
 
@@ -17,6 +18,8 @@ _POSE, _HIP = "pose_estimated", "hip.position"
 # Poses that a walk asks for and that the plate is led to, and a signal that walks alone have.
 _ASKED, _LED, _WALKS = "pose_asked", "pose_desired", "done"
 _SLIDERS = ("sliders",)
+# Share of the asked sine of the transmission angle, and of the slide's way [-].
+_SIN_MU, _LOW = 0.48, 0.02
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,21 @@ class BenchLimits:
     oldest: float = 0.06
     persists: float = 0.1
 
+    @classmethod
+    def for_machine(cls, machine: BenchDesign) -> "BenchLimits":
+        """Limits of a bench.
+
+        Args:
+            machine: its drives, cells and slide are taken.
+        """
+        low, high = machine.hip_min_mm, machine.hip_max_mm
+        return cls(
+            fastest=2.0 * machine.sliders.max_velocity_m_s,
+            crushed=machine.cells.capacity_N,
+            sin_mu=_SIN_MU * machine.sliders.least_sin_mu,
+            lowest=(low + _LOW * (high - low)) / 1e3,
+        )
+
 
 class BenchGuard(SignGuard):
     """Ends a walk in which a slider does not follow or pushes too hard, or the hip falls.
@@ -63,16 +81,17 @@ class BenchGuard(SignGuard):
         )
     )
 
-    def __init__(self, scenario: TerrainBenchScenario, limits: BenchLimits = BenchLimits()):
+    def __init__(self, scenario: TerrainBenchScenario, limits: BenchLimits | None = None):
         """Begins to watch.
 
         Args:
-            scenario: its `control.period`, bench and `sliders` are taken.
-            limits: limits of normal behaviour.
+            scenario: its `control.period` and `machine` are taken.
+            limits: limits of normal behaviour; None: those of the machine.
         """
+        limits = limits or BenchLimits.for_machine(scenario.machine)
         super().__init__(scenario.control.period, limits.oldest)
-        self._limits, sliders = limits, scenario.sliders
-        self._geometry = scenario.geometry
+        self._limits, sliders = limits, scenario.machine.sliders
+        self._geometry = scenario.machine.geometry
         self._most = sliders.max_force_N / sliders.force_per_current_N_A
         self._drives_leg = scenario.drives_leg
         self._led: NDArray[Any] | None = None

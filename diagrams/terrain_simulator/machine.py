@@ -52,7 +52,8 @@ def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
 
 def _limits(scenario: TerrainBenchScenario) -> Limits:
     """Rail, speed and force of the sliders, the hip's slide and drive, force cells and leg."""
-    geometry, sliders, usual = scenario.geometry, scenario.sliders, BenchLimits()
+    geometry, sliders = scenario.machine.geometry, scenario.machine.sliders
+    usual = BenchLimits.for_machine(scenario.machine)
     rail = geometry.slider_min, geometry.slider_max
     speed, force, support = sliders.max_velocity_m_s, sliders.max_force_N, scenario.hip.max_force_N
     current = force / sliders.force_per_current_N_A
@@ -71,10 +72,15 @@ def _limits(scenario: TerrainBenchScenario) -> Limits:
 
 def _emulated(scenario: TerrainBenchScenario, period: float) -> TerrainBenchScenario:
     """Drives as devices command them: these count, and their set values come when they come."""
+    machine = scenario.machine
     sliders = replace(
-        scenario.sliders, encoder_resolution_mm=0.0, arrival_ms=_ARRIVAL, time_constant_ms=_LAG
+        machine.sliders, encoder_resolution_mm=0.0, arrival_ms=_ARRIVAL, time_constant_ms=_LAG
     )
-    return replace(scenario, control=replace(scenario.control, period=period), sliders=sliders)
+    return replace(
+        scenario,
+        control=replace(scenario.control, period=period),
+        machine=replace(machine, sliders=sliders),
+    )
 
 
 _MOVE = SelfTest(

@@ -6,8 +6,9 @@ half the step; a plate whose sliders are led one step ahead follows within .03 m
 trails by speed times step without that.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 from xml.etree import ElementTree
 
@@ -26,23 +27,38 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.bodies import (
+    Body,
+    Stretch,
+    fit_link,
+    limit_joints,
+    place_element,
+    place_joints,
+)
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.diagrams.terrain_simulator.leg import AddedLeg, LegUnderTest
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
+from parapod.systems.terrain_simulator.load_estimator import BenchMasses, PlaneBody
 from parapod.systems.terrain_simulator.model import SLIDERS, BenchModel
 from parapod.urdf import configure_parser
 
 # Stiffness of a slider's drive [N/m], and its damping [N s/m]: assumptions.
 STIFFNESS = PdControllerGains(p=1e7, d=2e4)
+# Least factor of a drawn cheek [-].
+_LEAST = 0.2
 # Gains of the drive that holds the column or moves it, which is not one of the bench's own.
 _COLUMN = PdControllerGains(p=1e9, d=2e6)
 _FOLDER = "package://parapod/terrain_simulator"
 
 
-# Ends of the slide [m].
-_LOWEST, _HIGHEST = 0.4, 1.4
+# Greatest height of the slide to which the column is drawn [m].
+_HIGHEST = 1.4
+# Middle of the drawn rail, and reach of its sliders [m].
+_RAIL, _REACH = 0.6, 1.04
+_ENDLESS = (-100.0, 100.0)  # ends of a slide that has none [m]
+_AT_ENDS = 0.08  # way of the sliders' joints beyond the stops, by their reach of 1.04 m [m]
 
 
 @dataclass(frozen=True)
@@ -69,38 +85,35 @@ class LegOnSlide:
 
 def add_bench(
     plant: MultibodyPlant,
-    configuration: str,
+    geometry: BenchGeometry,
     stiffness: PdControllerGains = STIFFNESS,
     add_more: Callable[[], None] = lambda: None,
     max_force: float | None = None,
+    bodies: Mapping[str, Body] | None = None,
 ) -> BenchModel:
     """Adds a bench to a plant that is part of a diagram, and finalizes it.
 
     Args:
         plant: a plant with a registered scene graph and a time step above zero.
-        configuration: "pedal" or "treadmill".
+        geometry: the bench.
         stiffness: stiffness and damping of each slider's drive [N/m, N s/m].
         add_more: adds what else is to be in the plant.
         max_force: largest force of each slider's drive [N]; None: that of the file.
-
-    Raises:
-        ValueError: another configuration.
+        bodies: masses of its links by their names; None: those of the files, by volume.
     """
-    if configuration not in CONFIGURATIONS:
-        names = ", ".join(CONFIGURATIONS)
-        raise ValueError(f"configuration must be one of {names}: {configuration!r}")
-    geometry = CONFIGURATIONS[configuration]
     parser = Parser(plant)
     configure_parser(parser)
+    links, efforts = bodies or {}, {} if max_force is None else {"effort": max_force}
 
-    def limit(root: ElementTree.Element) -> None:
-        for name in SLIDERS if max_force is not None else ():
-            limit_element = root.find(f"joint[@name='{name}']/limit")
-            assert limit_element is not None
-            limit_element.set("effort", repr(max_force))
+    def fit_rail(root: ElementTree.Element) -> None:
+        _fit_rail(geometry, links, efforts, root)
 
-    rail = add_adapted_model(parser, f"{_FOLDER}/rail.urdf", "rail", limit)
-    (carried,) = parser.AddModels(url=f"{_FOLDER}/{configuration}.urdf")
+    def fit_plate(root: ElementTree.Element) -> None:
+        _fit_plate(geometry, links, root)
+
+    name = "treadmill" if geometry.belt else "pedal"
+    rail = add_adapted_model(parser, f"{_FOLDER}/rail.urdf", "rail", fit_rail)
+    carried = add_adapted_model(parser, f"{_FOLDER}/{name}.urdf", name, fit_plate)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("rail", rail))
     link = plant.GetFrameByName("link_1", rail)
     X_LP = RigidTransform(np.array((geometry.link, 0.0, 0.0)))
@@ -119,12 +132,100 @@ def add_bench(
     return model
 
 
+def _fit_rail(
+    geometry: BenchGeometry,
+    bodies: Mapping[str, Body],
+    efforts: Mapping[str, float],
+    root: ElementTree.Element,
+) -> None:
+    """Gives rail, sliders and links the sizes of a bench; they are drawn for links of 300 mm."""
+    link = geometry.link / BenchGeometry.pedal().link
+    rear, front = geometry.slider_min, geometry.slider_max
+    reach = (front - rear) / _REACH
+    about = (_RAIL, 0.0, 0.0), (0.5 * (rear + front), 0.0, 0.0)
+    fit_link(root, "rail", (reach, link, link), None, about=about)
+    for name in (*SLIDERS, "link_1", "link_2"):
+        fit_link(root, name, (link, link, link), bodies.get(name))
+    beyond = reach * _AT_ENDS
+    limits = {"lower": rear - beyond, "upper": front + beyond} | dict(efforts)
+    limit_joints(root, dict.fromkeys(SLIDERS, limits))
+
+
+def _fit_plate(
+    geometry: BenchGeometry, bodies: Mapping[str, Body], root: ElementTree.Element
+) -> None:
+    """Gives plate, tread and strut the sizes of a bench."""
+    paper = BenchGeometry.treadmill() if geometry.belt else BenchGeometry.pedal()
+    link, strut = geometry.link / paper.link, geometry.strut / paper.strut
+    plate = geometry.plate / paper.plate
+    about = _from_p(paper.p_OP, (0.0, 0.0)), _from_p(geometry.p_OP, (0.0, 0.0))
+    pivot = _from_p(geometry.p_OP, geometry.p_OT)
+    # Cheeks lead from P to the plate, of which they keep some height.
+    cheek = tuple(
+        max(abs(own / usual), _LEAST) if usual else 1.0
+        for own, usual in zip(about[1], about[0], strict=True)
+    )
+    shapes: dict[str, Stretch] = {"pivot_p": (link, link, link)}
+    for name in ("cheek_near", "cheek_far"):
+        shapes[name] = (cheek[0], link, cheek[2])
+    for name in ("plate", "tread"):
+        fit_link(root, name, (plate, link, link), bodies.get(name), shapes, about)
+    fit_link(root, "strut", (strut, link, link), bodies.get("strut"))
+    place_joints(root, {"strut": pivot})
+    for visual in root.findall("link[@name='plate']/visual[@name='pivot_t']/origin"):
+        place_element(visual, "xyz", pivot)
+
+
+def _from_p(p_OP: tuple[float, float], place: tuple[float, float]) -> tuple[float, float, float]:
+    """A point of the plate, which is given from its middle, from its pivot P [m]."""
+    return place[0] - p_OP[0], 0.0, place[1] - p_OP[1]
+
+
+@lru_cache(maxsize=16)
+def masses_of(
+    geometry: BenchGeometry, bodies: tuple[tuple[str, Body], ...]
+) -> tuple[BenchMasses, PlaneBody]:
+    """Masses of a bench, as the plant that is built has them.
+
+    Args:
+        geometry: the bench.
+        bodies: its links by their names.
+
+    Returns:
+        Those of the bench, and that of the tread, which the cells bear.
+    """
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    model = add_bench(plant, geometry, bodies=dict(bodies))
+    context = plant.CreateDefaultContext()
+
+    def taken(names: Sequence[str], x: float, z: float = 0.0) -> PlaneBody:
+        """Bodies together, about a point of the first one's frame."""
+        parts = [model.body(name) for name in names]
+        inertia = plant.CalcSpatialInertia(
+            context, parts[0].body_frame(), [part.index() for part in parts]
+        )
+        centre = inertia.get_com()
+        about = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
+        ahead, _, above = (centre - (x, 0.0, z)).tolist()
+        return PlaneBody(inertia.get_mass(), (ahead, above), float(about[1, 1]))
+
+    middle = -geometry.p_OP[0], -geometry.p_OP[1]
+    masses = BenchMasses(
+        taken(["slider_1"], 0.0).mass,
+        taken(["link_1"], 0.0),
+        taken(["strut"], -geometry.strut),
+        taken(["plate", "tread"], *middle),
+    )
+    return masses, taken(["tread"], *middle)
+
+
 def add_leg_on_slide(
     plant: MultibodyPlant,
     leg: LegUnderTest,
     mass: float,
+    ends: tuple[float, float] | None = None,
     scene_graph: SceneGraph | None = None,
-    ends: tuple[float, float] = (_LOWEST, _HIGHEST),
 ) -> LegOnSlide:
     """Adds the column, the hip's slide and the leg on it to a plant that is not finalized.
 
@@ -132,8 +233,8 @@ def add_leg_on_slide(
         plant: the plant.
         leg: the leg.
         mass: mass that the slide has with its leg [kg].
+        ends: ends of the slide's way [m]; None: farther than it ever goes.
         scene_graph: scene graph with which the plant is registered; None: nothing collides.
-        ends: ends of the slide's way [m].
 
     Raises:
         ScenarioError: the leg is not usable, or is heavier than that.
@@ -152,24 +253,29 @@ def add_leg_on_slide(
 
     parser = Parser(plant)
     configure_parser(parser)
-    (column,) = parser.AddModels(url=f"{_FOLDER}/column.urdf")
+    tall = 1.0 if ends is None else ends[1] / _HIGHEST
+
+    def fit_column(root: ElementTree.Element) -> None:
+        fit_link(root, "column", (1.0, 1.0, tall), None)
+
+    column = add_adapted_model(parser, f"{_FOLDER}/column.urdf", "column", fit_column)
     plant.GetJointActuatorByName("column", column).set_controller_gains(_COLUMN)
     slide = add_adapted_model(parser, f"{_FOLDER}/slide.urdf", "slide", adapt)
     body = plant.GetFrameByName("slide", slide)
     frame, up = plant.GetFrameByName("column", column), np.array((0.0, 0.0, 1.0))
-    joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, *ends))
+    joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, *(ends or _ENDLESS)))
     plant.AddJointActuator("slide", joint)
     return LegOnSlide(leg.add(plant, body, scene_graph), column, slide)
 
 
 def photograph(
-    views: Sequence[View], configuration: str, pose: ArrayLike
+    views: Sequence[View], geometry: BenchGeometry, pose: ArrayLike
 ) -> list[NDArray[np.uint8]]:
     """Pictures (height, width, 3) of a bench in a pose.
 
     Args:
         views: from where; one picture each.
-        configuration: "pedal" or "treadmill".
+        geometry: the bench.
         pose: (3) x, z, phi of the plate's middle [m, m, rad].
 
     Raises:
@@ -178,7 +284,7 @@ def photograph(
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
     add_renderer(scene_graph)
-    model = add_bench(plant, configuration)
+    model = add_bench(plant, geometry)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     model.stand(plant.GetMyMutableContextFromRoot(context), pose)

@@ -35,7 +35,7 @@ from parapod.systems.core.switching import switched
 from parapod.systems.core.vectors import Array
 from parapod.systems.sensors.noise import NoiseSource
 from parapod.systems.terrain_simulator.belt import BeltSurface
-from parapod.systems.terrain_simulator.cells import CELLS, ForceCells
+from parapod.systems.terrain_simulator.cells import ForceCells
 from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.terrain_simulator.model import (
     BenchModel,
@@ -88,12 +88,12 @@ class Simulation:
 
 def beginning(scenario: TerrainBenchScenario) -> Array:
     """Places of the sliders (3) where the walk begins [m]."""
-    return slider_places(scenario.geometry, scenario.walk.at(0.0).pose[0])
+    return slider_places(scenario.machine.geometry, scenario.walk.at(0.0).pose[0])
 
 
 def slider_params(scenario: TerrainBenchScenario) -> VelocityServoParams:
     """Parameters of the sliders' drives, with their rail."""
-    sliders, geometry = scenario.sliders, scenario.geometry
+    sliders, geometry = scenario.machine.sliders, scenario.machine.geometry
     return VelocityServoParams(
         resolution=1e-3 * sliders.encoder_resolution_mm,
         time_constant=1e-3 * sliders.time_constant_ms,
@@ -106,7 +106,7 @@ def slider_params(scenario: TerrainBenchScenario) -> VelocityServoParams:
 
 def make_servo(scenario: TerrainBenchScenario) -> PositionServo:
     """Drives of the sliders, at rest where the walk begins."""
-    period, arrival = scenario.control.period, scenario.sliders.arrival_ms
+    period, arrival = scenario.control.period, scenario.machine.sliders.arrival_ms
     return PositionServo(
         slider_params(scenario),
         3,
@@ -124,15 +124,18 @@ def add_bodies(
     walk, period = scenario.walk, scenario.control.period
     step = scenario.plant.time_step
     plant, scene_graph = add_discrete_plant(builder, step, "lagged")
-    stiffness = 1e6 * scenario.sliders.stiffness_N_um
+    stiffness = 1e6 * scenario.machine.sliders.stiffness_N_um
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
     legs_held: list[LegOnSlide] = []
     leg = scenario.leg.under_test
 
     def add_more() -> None:
-        legs_held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph))
+        legs_held.append(_add_leg(plant, scenario, leg, scene_graph))
 
-    model = add_bench(plant, scenario.configuration, gains, add_more, scenario.sliders.max_force_N)
+    machine = scenario.machine
+    model = add_bench(
+        plant, machine.geometry, gains, add_more, machine.sliders.max_force_N, machine.bodies
+    )
     (on_slide,) = legs_held
     stand = _Stand(model, on_slide, leg)
     stand.set_default(walk)
@@ -180,6 +183,17 @@ def add_bodies(
     )
 
 
+def _add_leg(
+    plant: MultibodyPlant,
+    scenario: TerrainBenchScenario,
+    leg: LegUnderTest,
+    scene_graph: SceneGraph | None = None,
+) -> LegOnSlide:
+    machine = scenario.machine
+    ends = machine.hip_min_mm / 1e3, machine.hip_max_mm / 1e3
+    return add_leg_on_slide(plant, leg, scenario.hip.mass_kg, ends, scene_graph)
+
+
 @dataclass(frozen=True)
 class _Stand:
     """Puts bench and leg where a walk begins."""
@@ -215,7 +229,7 @@ def _current(
     builder: DiagramBuilder, scenario: TerrainBenchScenario, force: OutputPort
 ) -> dict[str, OutputPort]:
     """Currents of the sliders' motors by the forces of their drives."""
-    per_newton = 1.0 / scenario.sliders.force_per_current_N_A
+    per_newton = 1.0 / scenario.machine.sliders.force_per_current_N_A
     current = add(builder, MatrixGain(per_newton * np.eye(3)), "slider_current")
     connect(builder, force, current.get_input_port())
     return {"sliders.current": current.get_output_port()}
@@ -231,7 +245,7 @@ def _add_belt(
     period = max(scenario.control.period, _BELT_PERIOD)
     step = min(scenario.plant.time_step, scenario.control.period)
     drive = add(builder, VelocityServo(_BELT, 1, period, step), "belt")
-    if plant is not None and model is not None and scenario.configuration == "treadmill":
+    if plant is not None and model is not None and model.geometry.belt:
         states = add(builder, Demultiplexer(2, 1), "belt_state")
         connect(builder, drive.GetOutputPort("state"), states.get_input_port(0))
         body = model.body("tread").scoped_name().get_full()
@@ -326,10 +340,10 @@ def _add_cells(
     cells = add(
         builder,
         ForceCells(
-            CELLS[scenario.configuration],
+            scenario.machine.cells_geometry,
             plant.GetJointIndices().index(joint.index()),
             (-x, -z),
-            scenario.cells.noise_N,
+            scenario.machine.cells.noise_N,
         ),
     )
     noise = add(builder, NoiseSource(_SOURCES, period, scenario.seed), "cell_noise")
@@ -390,7 +404,9 @@ def add_kinematics(
     """
     period, servo = scenario.control.period, make_servo(scenario)
     noise = add(builder, NoiseSource(_SOURCES, period, scenario.seed), "cell_noise")
-    scaled_noise = add(builder, MatrixGain(scenario.cells.noise_N * np.eye(_SOURCES)), "cells")
+    scaled_noise = add(
+        builder, MatrixGain(scenario.machine.cells.noise_N * np.eye(_SOURCES)), "cells"
+    )
     connect(builder, noise.get_output_port(), scaled_noise.get_input_port())
     behind = _add_led(builder, scenario, servo, scaled_noise.get_output_port(), meshcat)
     simulation = replace(behind.handle_as(Simulation), noise=noise)
@@ -455,7 +471,7 @@ def add_plate(
     belt_inputs, belt_outputs = _add_belt(builder, scenario)
     none = add(builder, ConstantVectorSource(np.zeros(3)), "no_force")
     pair = add(builder, ConstantVectorSource(np.zeros(2)), "no_gaps")
-    pose = add(builder, PlatePose(scenario.geometry))
+    pose = add(builder, PlatePose(scenario.machine.geometry))
     connect(builder, sliders.GetOutputPort("position"), pose.GetInputPort("position"))
     outputs |= belt_outputs | _current(builder, scenario, none.get_output_port())
     outputs |= {
@@ -492,8 +508,9 @@ def add_drawing(
     leg = scenario.leg.under_test
     model = add_bench(
         plant,
-        scenario.configuration,
-        add_more=lambda: legs_held.append(add_leg_on_slide(plant, leg, scenario.hip.mass_kg)),
+        scenario.machine.geometry,
+        add_more=lambda: legs_held.append(_add_leg(plant, scenario, leg)),
+        bodies=scenario.machine.bodies,
     )
     drawn_positions = BenchPositions(
         model, legs_held[0].order(plant), scenario.leg.ports, leg.all_joints

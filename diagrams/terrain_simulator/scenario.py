@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.drivers import Epos2HipSlide, Epos2Sliders
 from parapod.diagrams.terrain_simulator.leg import (
     DEFAULT_URDF,
@@ -17,9 +18,8 @@ from parapod.diagrams.terrain_simulator.terrains import Level, TerrainChoice
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.terrain_simulator.gait import Gait
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
 from parapod.systems.terrain_simulator.hip_support import HipSupportParams
-from parapod.systems.terrain_simulator.path import PathLimits, PlatePath
+from parapod.systems.terrain_simulator.path import PlatePath
 from parapod.systems.terrain_simulator.walk import BenchWalk
 
 BODIES = ("multibody",)  # backends of rigid bodies
@@ -28,8 +28,6 @@ BACKENDS = (*SIMULATED, "mock", "hardware")
 LOADS = ("half sine", "even")
 LEGS = ("urdf", "walking_chair")
 _SCREWS = 3  # screws of a leg of the walking chair
-# Places of the plate's middle on which each bench walks over level ground [mm].
-_PLACES = {"pedal": (513.0, 300.0), "treadmill": (880.0, 190.0)}
 
 
 @dataclass
@@ -67,54 +65,17 @@ class PlaceScenario(Schema):
 
     Attributes:
         x_mm: place of the hip along the rail, and of the plate's middle under it [mm]; null: the
-            middle of the workspace of pedal or treadmill.
+            middle of what the level plate reaches; with a treadmill a little behind it.
         z_mm: height of the plate's middle with the body at the height of the foothold [mm]; null:
-            one at which either works well.
+            one at which the bench works well, by the length of its links.
         hip_mm: height of the hip above it [mm].
         start_m: way of the body over the terrain at the beginning [m].
     """
 
-    x_mm: float | None = quantity(None, 0.0, 1500.0)
-    z_mm: float | None = quantity(None, 20.0, 600.0)
-    hip_mm: float = quantity(580.0, 50.0, 1200.0)
+    x_mm: float | None = quantity(None, -20_000.0, 20_000.0)
+    z_mm: float | None = quantity(None, 0.0, 20_000.0)
+    hip_mm: float = quantity(580.0, 50.0, 20_000.0)
     start_m: float = quantity(0.0, -1000.0, 1000.0)
-
-
-@dataclass
-class SliderScenario(Schema):
-    """The sliders' position-controlled drives; all values are assumptions.
-
-    Attributes:
-        max_velocity_m_s: largest velocity of a slider [m/s].
-        max_acceleration_m_s2: largest acceleration of a slider [m/s^2].
-        max_force_N: largest force of a slider, both ways [N].
-        force_per_current_N_A: force of a slider by the current of its motor [N/A].
-        stiffness_N_um: stiffness of a slider with its screw or belt and drive [N/um].
-        time_constant_ms: time constant of the drives' velocity loop [ms].
-        arrival_ms: time in which a drive makes up for what is missing of a command [ms]; null: the
-            controller's period.
-        encoder_resolution_mm: one count of the encoders [mm]; 0 for perfect ones.
-        least_sin_mu: least sine of the transmission angle between plate and strut [-].
-    """
-
-    max_velocity_m_s: float = quantity(3.5, 0.01, 20.0)
-    max_acceleration_m_s2: float = quantity(110.0, 0.1, 2000.0)
-    max_force_N: float = quantity(4000.0, 10.0, 1e5)  # noqa: N815
-    force_per_current_N_A: float = quantity(100.0, 1.0, 1e5)  # noqa: N815
-    stiffness_N_um: float = quantity(50.0, 0.1, 1000.0)  # noqa: N815
-    time_constant_ms: float = quantity(0.5, 0.05, 100.0)
-    arrival_ms: float | None = quantity(None, 1.0, 1000.0)
-    encoder_resolution_mm: float = quantity(0.001, 0.0, 0.1)
-    least_sin_mu: float = quantity(0.25, 0.05, 0.9)
-
-    @property
-    def limits(self) -> PathLimits:
-        """Limits of a path; its other ones are those of Table 1."""
-        return PathLimits(
-            sin_mu=self.least_sin_mu,
-            slider_speed=self.max_velocity_m_s,
-            slider_acceleration=self.max_acceleration_m_s2,
-        )
 
 
 # Quarter of the robot for which the support of the other legs is given [kg].
@@ -293,17 +254,6 @@ class LegScenario(Schema):
 
 
 @dataclass
-class CellsScenario(Schema):
-    """The force cells under the plate.
-
-    Attributes:
-        noise_N: standard deviation of a reading [N] (assumption).
-    """
-
-    noise_N: float = quantity(1.0, 0.0, 1000.0)  # noqa: N815
-
-
-@dataclass
 class BenchPlantScenario(Schema):
     """The simulated machine.
 
@@ -347,7 +297,7 @@ class TerrainBenchScenario(Schema):
             "kinematic" (the plate without a leg on it), "mock" (commands are mirrored) or
             "hardware".
         seed: seed of everything random: the noise of the force cells.
-        configuration: "pedal" or "treadmill".
+        machine: see `BenchDesign`; or a file: `!File my_machine.yaml`.
         begin: time for which the leg stands first [s].
         end: time for which it stands at last [s].
         shift: time in which it unloads before the first swing, and loads after the last [s].
@@ -356,16 +306,18 @@ class TerrainBenchScenario(Schema):
         place: see `PlaceScenario`.
         leg: see `LegScenario`.
         hip: see `HipScenario`.
-        sliders: see `SliderScenario`.
-        cells: see `CellsScenario`.
         plant: see `BenchPlantScenario`.
         control: see `BenchControlScenario`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a pedal.
     """
 
+    moved = {  # noqa: RUF012
+        name: f"machine.{name}" for name in ("configuration", "sliders", "cells")
+    }
+
     backend: str = choice("multibody", BACKENDS)
     seed: int = quantity(0, 0, 2**31 - 1)
-    configuration: str = choice("pedal", tuple(CONFIGURATIONS))
+    machine: BenchDesign = field(default_factory=BenchDesign)
     begin: float = quantity(0.4, 0.0, 60.0)
     end: float = quantity(0.3, 0.0, 60.0)
     shift: float = quantity(0.3, 0.05, 10.0)
@@ -374,16 +326,9 @@ class TerrainBenchScenario(Schema):
     place: PlaceScenario = field(default_factory=PlaceScenario)
     leg: LegScenario = field(default_factory=LegScenario)
     hip: HipScenario = field(default_factory=HipScenario)
-    sliders: SliderScenario = field(default_factory=SliderScenario)
-    cells: CellsScenario = field(default_factory=CellsScenario)
     plant: BenchPlantScenario = field(default_factory=BenchPlantScenario)
     control: BenchControlScenario = field(default_factory=BenchControlScenario)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
-
-    @property
-    def geometry(self) -> BenchGeometry:
-        """Dimensions of the bench."""
-        return CONFIGURATIONS[self.configuration]
 
     @property
     def drives_leg(self) -> bool:
@@ -411,15 +356,20 @@ class TerrainBenchScenario(Schema):
             raise ScenarioError(
                 f"gait.load = even needs a gait.duty above 0.5, not {gait.duty:g}", "gait.load"
             )
-        x, z = _PLACES[self.configuration]
+        height = None if place.z_mm is None else 1e-3 * place.z_mm
+        x, z = (
+            (1e-3 * place.x_mm, 1e-3 * place.z_mm)
+            if place.x_mm is not None and place.z_mm is not None
+            else self.machine.place(height)
+        )
         path = PlatePath(
             self.terrain.make(),
             Gait(gait.speed_m_s, gait.frequency_Hz, gait.duty, gait.ramp),
-            x_c=1e-3 * (x if place.x_mm is None else place.x_mm),
-            z_c=1e-3 * (z if place.z_mm is None else place.z_mm),
+            x_c=x if place.x_mm is None else 1e-3 * place.x_mm,
+            z_c=z,
             dip=1e-3 * gait.dip_mm,
             start=place.start_m,
-            treadmill=self.configuration == "treadmill",
+            treadmill=self.machine.geometry.belt,
         )
         return BenchWalk(
             path,

@@ -36,7 +36,6 @@ from parapod.systems.terrain_simulator.walk import BenchWalk
 
 _THICK, _WIDE = 0.1, 0.3  # of the ground's pieces [m]
 _BEYOND = 0.5  # ground behind and ahead of the body's way [m]
-_ENDS = (-100.0, 100.0)  # ends of the slide [m]
 _GREEN = np.array((0.55, 0.62, 0.50, 1.0))
 
 
@@ -55,7 +54,7 @@ def add_world(
     walk, step = scenario.walk, scenario.plant.time_step
     plant, scene_graph = add_discrete_plant(builder, step, "lagged")
     leg = scenario.leg.under_test
-    on_slide = add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph, _ENDS)
+    on_slide = add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph=scene_graph)
     _lay_out(plant, walk)
     plant.Finalize()
     times = np.arange(-step, walk.duration + scenario.end + 2.0 * step, step)

@@ -24,10 +24,10 @@ from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.style import COLOURS
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchPlantScenario,
-    CellsScenario,
     LegScenario,
     TerrainBenchScenario,
 )
@@ -76,6 +76,7 @@ class BenchCourseScenario(Schema):
         run_up: strides in which the leg speeds up before them, and slows down after them.
         adds_inertia: true if the hip's drive adds the force with which the body resists the
             acceleration of its rise, which the bench lacks.
+        machine: the bench; see `BenchDesign`.
         leg: see `LegScenario`.
         mass_kg: mass that the slide has with the leg [kg].
         time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
@@ -88,6 +89,7 @@ class BenchCourseScenario(Schema):
     strides: int = quantity(4, 1, 100)
     run_up: int = quantity(1, 0, 20)
     adds_inertia: bool = True
+    machine: BenchDesign = field(default_factory=BenchDesign)
     leg: LegScenario = field(default_factory=LegScenario)
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
     time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
@@ -98,11 +100,12 @@ class BenchCourseScenario(Schema):
         Raises:
             ScenarioError: an unknown terrain.
         """
-        scenario = scenario_of(name, self.leg, self.mass_kg)
+        cells = replace(self.machine.cells, noise_N=0.0)
+        machine = replace(self.machine, cells=cells)
+        scenario = scenario_of(name, self.leg, self.mass_kg, machine)
         scenario.seed = self.seed
         scenario.gait.strides, scenario.gait.run_up = self.strides, self.run_up
         scenario.hip.adds_inertia = self.adds_inertia
-        scenario.cells = CellsScenario(noise_N=0.0)
         scenario.plant = BenchPlantScenario(self.time_step)
         scenario.control.period = self.time_step
         return scenario

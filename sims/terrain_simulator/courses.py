@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import (
     GaitScenario,
     HipScenario,
@@ -59,13 +60,34 @@ COURSES = {
 }
 
 
-def scenario_of(name: str, leg: LegScenario, mass_kg: float) -> TerrainBenchScenario:
+def place_on(machine: BenchDesign, x_mm: float, z_mm: float) -> tuple[float, float]:
+    """Place on a bench [mm] like a place on the paper's bench with a pedal.
+
+    Args:
+        machine: the bench.
+        x_mm: place of the plate's middle along the paper's rail [mm].
+        z_mm: height of it there [mm].
+
+    Raises:
+        ScenarioError: the level plate of the bench reaches nothing at that height.
+    """
+    paper = BenchDesign()
+    scale = machine.geometry.link / paper.geometry.link
+    height = 1e-3 * z_mm * scale
+    (own, _), (usual, _) = machine.place(height), paper.place(1e-3 * z_mm)
+    return x_mm * scale + 1e3 * (own - usual * scale), z_mm * scale
+
+
+def scenario_of(
+    name: str, leg: LegScenario, mass_kg: float, machine: BenchDesign
+) -> TerrainBenchScenario:
     """The walk of a leg over one terrain of the course.
 
     Args:
         name: name of the terrain.
         leg: the leg.
         mass_kg: mass that the slide has with it [kg].
+        machine: the bench.
 
     Raises:
         ScenarioError: an unknown terrain.
@@ -75,10 +97,11 @@ def scenario_of(name: str, leg: LegScenario, mass_kg: float) -> TerrainBenchScen
         raise ScenarioError(f"courses: there is no '{name}'; there are: {names}", "courses")
     course = COURSES[name]
     return TerrainBenchScenario(
+        machine=machine,
         terrain=course.terrain,
         leg=leg,
         hip=HipScenario(mass_kg=mass_kg),
-        place=PlaceScenario(*course.place, course.hip, course.start),
+        place=PlaceScenario(*place_on(machine, *course.place), course.hip, course.start),
         gait=GaitScenario(
             speed_m_s=course.speed,
             frequency_Hz=course.frequency,

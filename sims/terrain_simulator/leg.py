@@ -29,6 +29,7 @@ from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.style import COLOURS
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.leg import make_leg_model
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import (
@@ -48,6 +49,7 @@ from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
+from parapod.sims.terrain_simulator.courses import place_on
 from parapod.sims.terrain_simulator.walk import (
     BenchWalking,
     check_bench,
@@ -110,6 +112,7 @@ class BenchLegScenario(Schema):
     Attributes:
         backend: plant: "multibody", rigid bodies with contact.
         seed: seed of the noise of the force cells.
+        machine: the bench; see `BenchDesign`.
         leg: the leg, see `LegScenario`; by default one of three joints, not the bench's own.
         mass_kg: mass that the slide has with the leg [kg].
         hip_mm: height of the hip above the plate as it stands [mm].
@@ -126,6 +129,7 @@ class BenchLegScenario(Schema):
 
     backend: str = choice("multibody", ("multibody",))
     seed: int = quantity(0, 0, 2**31 - 1)
+    machine: BenchDesign = field(default_factory=BenchDesign)
     leg: LegScenario = field(default_factory=_foreign)
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
     hip_mm: float = quantity(610.0, 50.0, 1200.0)
@@ -146,10 +150,11 @@ class BenchLegScenario(Schema):
             end=_SETTLES,
             plant=BenchPlantScenario(self.time_step),
             control=BenchControlScenario(self.time_step),
+            machine=self.machine,
             leg=self.leg,
             hip=HipScenario(mass_kg=self.mass_kg),
             terrain=Step(rise_mm=self.step_mm, at_m=_EDGE_M),
-            place=PlaceScenario(513.0, 270.0, self.hip_mm),
+            place=PlaceScenario(*place_on(self.machine, 513.0, 270.0), self.hip_mm),
             gait=GaitScenario(
                 speed_m_s=0.3,
                 frequency_Hz=1.5,
@@ -164,7 +169,7 @@ class BenchLegScenario(Schema):
     def jump(self) -> TerrainBenchScenario:
         """The bench for the jump: the drive of the slide plays no other legs."""
         alone = HipScenario(mass_kg=self.mass_kg, stiffness_N_m=0.0, damping_Ns_m=0.0)
-        place = PlaceScenario(513.0, 1e3 * _JUMP_Z, self.hip_mm)
+        place = PlaceScenario(*place_on(self.machine, 513.0, 1e3 * _JUMP_Z), self.hip_mm)
         return replace(self.walk, hip=alone, place=place)
 
     @property

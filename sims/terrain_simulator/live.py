@@ -61,7 +61,7 @@ class LiveBench:
     ):
         self._scenario, self._panel, self._read_out = scenario, panel, read_out
         self._check, self._walking = check, walking
-        self._terrains = list(COURSES) if scenario.configuration == "pedal" else ["level"]
+        self._terrains = ["level"] if scenario.machine.geometry.belt else list(COURSES)
         self._state = ""
         self._refusals: tuple[str, ...] = ()
 
@@ -85,10 +85,10 @@ class LiveBench:
     def walk_of(self, terrain: str, percent: float) -> TerrainBenchScenario:
         """The scenario of a walk over a terrain at a share of its usual speed [%]."""
         own = self._scenario
-        if own.configuration == "treadmill":
+        if own.machine.geometry.belt:
             courses = own
         else:
-            courses = scenario_of(terrain, own.leg, own.hip.mass_kg)
+            courses = scenario_of(terrain, own.leg, own.hip.mass_kg, own.machine)
         speed = 0.01 * percent * courses.gait.speed_m_s
         return replace(courses, gait=replace(courses.gait, speed_m_s=speed))
 

@@ -132,12 +132,12 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
         desired = walk.at(run.time)
         if "truth.pose" in run:
             yield from plate_metrics(run, desired)
-        speeds = slider_rates(scenario.geometry, desired.pose[0], desired.pose[1])
+        speeds = slider_rates(scenario.machine.geometry, desired.pose[0], desired.pose[1])
         yield Metric(
             "peak_slider_speed_m_s",
             float(np.abs(speeds).max()),
             "m/s",
-            scenario.sliders.max_velocity_m_s,
+            scenario.machine.sliders.max_velocity_m_s,
             meaning="largest speed that the walk asks of a slider",
         )
         yield Metric(
@@ -186,7 +186,7 @@ def check_bench(scenario: TerrainBenchScenario) -> None:
             "control.period",
         )
     walk = scenario.walk
-    check_walk(scenario.geometry, walk, scenario.sliders.limits)
+    check_walk(scenario.machine.geometry, walk, scenario.machine.sliders.limits)
     # A controller of the user's own has gains of its own.
     period = 0.0 if scenario.leg.controller else scenario.leg_period
     scenario.leg.under_test.check(walk, period)

@@ -29,7 +29,7 @@ from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     LIMITS,
     jacobian,
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 # Benches, and the angle either way that Table 1 asks of each [rad].
 BENCHES = {
-    "pedal": (CONFIGURATIONS["pedal"], SPECIFICATION.pedal_angle),
-    "treadmill": (CONFIGURATIONS["treadmill"], SPECIFICATION.treadmill_angle),
+    "pedal": (BenchGeometry.pedal(), SPECIFICATION.pedal_angle),
+    "treadmill": (BenchGeometry.treadmill(), SPECIFICATION.treadmill_angle),
 }
 # Orientations of Fig. 6, by the sign of phi.
 WAYS = {"up": -1.0, "level": 0.0, "down": 1.0}

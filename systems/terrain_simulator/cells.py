@@ -29,20 +29,13 @@ class CellsGeometry:
         apart: distance of each of the two cells across the plate from its middle [m].
         mass: mass of the tread [kg].
         inertia: moment of inertia of the tread about its centre of mass [kg m^2].
-        below: depth of its centre of mass below the plate's middle [m].
+        centre: its centre of mass along the plate and off it, from the plate's middle [m].
     """
 
-    apart: float
-    mass: float
-    inertia: float
-    below: float
-
-
-# Cells and tread of each configuration, as `parapod.urdf.terrain_simulator` has them.
-CELLS = {
-    "pedal": CellsGeometry(0.05, 0.6, 0.00073999800, 0.01),
-    "treadmill": CellsGeometry(0.25, 7.0, 0.211458625, 0.025),
-}
+    apart: float = 0.05
+    mass: float = 0.6
+    inertia: float = 0.000739998
+    centre: tuple[float, float] = (0.0, -0.01)
 
 
 def cell_forces(cells: CellsGeometry, load: ArrayLike) -> Array:
@@ -72,11 +65,14 @@ def inertial_load(cells: CellsGeometry, motion: ArrayLike) -> Array:
     """
     ((_, _, phi, _, _, rate, ddx, ddz, ddphi),), shape = columns((motion, 9, "motion"))
     s, c = sin_cos(phi)
-    # Acceleration of the centre of mass, which is below O', less gravity.
-    a_x = ddx - cells.below * (c * ddphi - s * rate * rate)
-    a_z = ddz + cells.below * (s * ddphi + c * rate * rate) + GRAVITY
+    ahead, above = cells.centre
+    r_x, r_z = c * ahead + s * above, c * above - s * ahead
+    # Acceleration of the centre of mass, less gravity.
+    a_x = ddx + ddphi * r_z - rate * rate * r_x
+    a_z = ddz - ddphi * r_x - rate * rate * r_z + GRAVITY
     f_x, f_z = -cells.mass * (c * a_x - s * a_z), -cells.mass * (s * a_x + c * a_z)
-    return stack((f_x, f_z, -cells.inertia * ddphi - cells.below * f_x), shape)
+    m_y = -cells.inertia * ddphi + above * f_x - ahead * f_z
+    return stack((f_x, f_z, m_y), shape)
 
 
 class ForceCells(LeafSystem):
@@ -102,7 +98,7 @@ class ForceCells(LeafSystem):
 
     def __init__(
         self,
-        cells: CellsGeometry = CELLS["pedal"],
+        cells: CellsGeometry = CellsGeometry(),
         joint: int = 0,
         p_PO: tuple[float, float] = (0.0, 0.0),
         deviation: float = 0.0,
@@ -151,7 +147,7 @@ class FootForce(LeafSystem):
         cells: their places, and the tread.
     """
 
-    def __init__(self, cells: CellsGeometry = CELLS["pedal"]):
+    def __init__(self, cells: CellsGeometry = CellsGeometry()):
         super().__init__()
         self.set_name("foot_force")
         self._cells = cells

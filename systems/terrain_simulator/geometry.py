@@ -28,6 +28,7 @@ class BenchGeometry:
         strut_gap: least distance from A_2 to A_3 if they share a rail [m]; None if A_3 passes A_2
             on a rail of its own.
         floor: least height of the pivots P and T; the paper asks for one and names none [m].
+        belt: true if the plate is a treadmill.
     """
 
     link: float
@@ -41,6 +42,7 @@ class BenchGeometry:
     gap: float = 0.1
     strut_gap: float | None = None
     floor: float = 0.02
+    belt: bool = False
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -75,7 +77,7 @@ class BenchGeometry:
         There l_5 = 0, against the text and Figure 4, where l_4 = l_5 and alpha = 0; and A_3 must
         pass A_2, or next to nothing is left of the workspace.
         """
-        return cls(0.30, 0.45, 0.60, 0.60, 0.0, False)
+        return cls(0.30, 0.45, 0.60, 0.60, 0.0, False, belt=True)
 
     @cached_property
     def p_OP(self) -> tuple[float, float]:
@@ -94,7 +96,3 @@ class BenchGeometry:
     def branch(self) -> float:
         """Sign of the root with which A_3 is found: 1.0 ahead of T, -1.0 behind."""
         return 1.0 if self.strut_ahead else -1.0
-
-
-# Benches by the names of their configurations.
-CONFIGURATIONS = {"pedal": BenchGeometry.pedal(), "treadmill": BenchGeometry.treadmill()}

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from parapod.systems.core.ports import declare_cached, is_on, read, read_array
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     LIMITS,
     UnreachablePlate,
@@ -87,7 +87,7 @@ class SingularityGuard(LeafSystem):
 
     def __init__(
         self,
-        geometry: BenchGeometry = CONFIGURATIONS["pedal"],
+        geometry: BenchGeometry = BenchGeometry.pedal(),
         params: SingularityGuardParams = SingularityGuardParams(),
         period: float = 0.001,
     ):

@@ -13,7 +13,7 @@ from parapod.systems.core.elementwise import Elementwise, sin_cos
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     UnreachablePlate,
     forward_kinematics,
@@ -24,7 +24,26 @@ from parapod.systems.terrain_simulator.kinematics import (
 
 _LEVEL = (0.0, 0.0, 0.0)  # change of a slider's height by the pose
 _LARGEST = 1e9  # number at an input that can be a measurement [any SI unit]
-_ROD = 1.0 / 12.0  # moment of inertia of a bar by its mass and the square of its length
+
+
+class PlaneBody(NamedTuple):
+    """A body that moves in the plane of the bench.
+
+    Attributes:
+        mass: [kg].
+        centre: centre of mass along the body and across it, upwards [m]: of a bar from its
+            slider, of the plate from its middle.
+        inertia: moment of inertia about the centre of mass [kg m^2].
+    """
+
+    mass: float
+    centre: tuple[float, float]
+    inertia: float
+
+
+_LINK = PlaneBody(0.5, (0.15, 0.0), 0.0037875)
+_STRUT = PlaneBody(0.5, (0.21, 0.0), 0.0073875)
+_PEDAL = PlaneBody(1.0, (0.0, -0.01), 0.00123333)
 
 
 @dataclass(frozen=True)
@@ -33,24 +52,15 @@ class BenchMasses:
 
     Attributes:
         slider: mass of a slider [kg].
-        link: mass of each of the three links, bars with their centres in the middle [kg].
-        plate: mass of the plate with its tread [kg].
-        inertia: moment of inertia of these about their centre of mass [kg m^2].
-        below: depth of that below the plate's middle [m].
+        link: each of the two links.
+        strut: link A_3 T.
+        plate: plate with its tread.
     """
 
-    slider: float
-    link: float
-    plate: float
-    inertia: float
-    below: float
-
-
-# Masses of the bodies in `parapod.urdf.terrain_simulator`.
-MASSES = {
-    "pedal": BenchMasses(2.0, 0.5, 1.0, 0.00123333, 0.01),
-    "treadmill": BenchMasses(2.0, 0.5, 8.0, 0.241667, 0.025),
-}
+    slider: float = 2.0
+    link: PlaneBody = _LINK
+    strut: PlaneBody = _STRUT
+    plate: PlaneBody = _PEDAL
 
 
 def inertial_wrench(geometry: BenchGeometry, bodies: BenchMasses, motion: ArrayLike) -> Array:
@@ -78,14 +88,20 @@ def _wrench(geometry: BenchGeometry, bodies: BenchMasses, q: Array, K: Array) ->
         (slider_places(geometry, pose), 3, "places"),
     )
     at_p, at_t = (_point(place, pose_columns) for place in (geometry.p_OP, geometry.p_OT))
-    parts = [_carried(bodies.plate, _point((0.0, -bodies.below), pose_columns))]
-    parts.append([0.0, 0.0, bodies.inertia * pose_columns[8]])
-    ends = ((at_p, geometry.link), (at_p, geometry.link), (at_t, geometry.strut))
-    for i, (end, length) in enumerate(ends):
+    plate, link, strut = bodies.plate, bodies.link, bodies.strut
+    parts = [_carried(plate.mass, _point(plate.centre, pose_columns))]
+    parts.append([0.0, 0.0, plate.inertia * pose_columns[8]])
+    bars = (
+        (at_p, geometry.link, link),
+        (at_p, geometry.link, link),
+        (at_t, geometry.strut, strut),
+    )
+    for i, (end, length, bar) in enumerate(bars):
         rail = _Point((places[i], 0.0), (slopes[3 * i : 3 * i + 3], _LEVEL), (speeding[i], 0.0))
         parts.append(_carried(bodies.slider, rail))
-        parts.append(_carried(bodies.link, _middle(rail, end)))
-        parts.append(_turned(_ROD * bodies.link * length**2, rail, end, length))
+        along, across = (each / length for each in bar.centre)
+        parts.append(_carried(bar.mass, _on_bar(rail, end, along, across)))
+        parts.append(_turned(bar.inertia, rail, end, length))
     return stack([sum(column) for column in zip(*parts, strict=True)], shape)
 
 
@@ -152,8 +168,8 @@ class LoadEstimator(LeafSystem):
 
     def __init__(
         self,
-        geometry: BenchGeometry = CONFIGURATIONS["pedal"],
-        masses: BenchMasses = MASSES["pedal"],
+        geometry: BenchGeometry = BenchGeometry.pedal(),
+        masses: BenchMasses = BenchMasses(),
         force_per_current: float = 100.0,
         period: float = 0.01,
     ):
@@ -194,12 +210,15 @@ class LoadEstimator(LeafSystem):
         state.set_value(0, np.where(np.isfinite(estimate), estimate, 0.0))
 
 
+type _Pair = tuple[Elementwise, Elementwise]
+
+
 class _Point(NamedTuple):
     """A point: place, its derivative by the plate's pose, acceleration, each along x and z."""
 
-    place: tuple[Elementwise, Elementwise]
+    place: _Pair
     by_pose: tuple[Sequence[Elementwise], Sequence[Elementwise]]
-    acceleration: tuple[Elementwise, Elementwise]
+    acceleration: _Pair
 
 
 def _point(place: tuple[float, float], motion: list[Elementwise]) -> _Point:
@@ -214,18 +233,20 @@ def _point(place: tuple[float, float], motion: list[Elementwise]) -> _Point:
     )
 
 
-def _middle(one: _Point, other: _Point) -> _Point:
-    """The point between two points of a bar."""
-    (x, z), rows, (ddx, ddz) = one
-    (x_2, z_2), rows_2, (ddx_2, ddz_2) = other
-    row_x, row_z = (
-        [0.5 * (a + b) for a, b in zip(row, row_2, strict=True)]
-        for row, row_2 in zip(rows, rows_2, strict=True)
-    )
+def _on_bar(one: _Point, other: _Point, along: float, across: float) -> _Point:
+    """A point of a bar, from one end along it and across it, in lengths of the bar."""
+
+    def between(a: _Pair, b: _Pair) -> tuple[Elementwise, Elementwise]:
+        (a_x, a_z), (b_x, b_z) = a, b
+        d_x, d_z = b_x - a_x, b_z - a_z
+        return a_x + along * d_x - across * d_z, a_z + along * d_z + across * d_x
+
+    rows = zip(*one.by_pose, *other.by_pose, strict=True)
+    slopes = [between((a_x, a_z), (b_x, b_z)) for a_x, a_z, b_x, b_z in rows]
     return _Point(
-        (0.5 * (x + x_2), 0.5 * (z + z_2)),
-        (row_x, row_z),
-        (0.5 * (ddx + ddx_2), 0.5 * (ddz + ddz_2)),
+        between(one.place, other.place),
+        ([x for x, _ in slopes], [z for _, z in slopes]),
+        between(one.acceleration, other.acceleration),
     )
 
 

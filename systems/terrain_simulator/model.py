@@ -19,7 +19,7 @@ from parapod.systems.core.batching import columns
 from parapod.systems.core.elementwise import atan2, sin_cos
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS, BenchGeometry
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     UnreachablePlate,
     forward_kinematics,
@@ -255,7 +255,7 @@ class PlatePose(LeafSystem):
         geometry: the bench.
     """
 
-    def __init__(self, geometry: BenchGeometry = CONFIGURATIONS["pedal"]):
+    def __init__(self, geometry: BenchGeometry = BenchGeometry.pedal()):
         super().__init__()
         self.set_name("plate_pose")
         self._geometry = geometry

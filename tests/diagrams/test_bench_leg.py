@@ -9,10 +9,10 @@ import pytest
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.terrain_simulator.design import SliderScenario
 from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, add_leg, make_leg_model
 from parapod.diagrams.terrain_simulator.scenario import (
     HipScenario,
-    SliderScenario,
     TerrainBenchScenario,
 )
 from parapod.systems.core.errors import ScenarioError

@@ -9,12 +9,12 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.epos2 import Epos2TorqueAxes
 from parapod.diagrams.terrain_simulator.controller import make_controller
+from parapod.diagrams.terrain_simulator.design import BenchDesign, CellsScenario
 from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.plants import slider_params
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchControlScenario,
-    CellsScenario,
     GaitScenario,
     HipScenario,
     LegScenario,
@@ -27,7 +27,7 @@ from parapod.sims.terrain_simulator.walk import check_bench
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 
-QUIET = CellsScenario(noise_N=0.0)
+QUIET = BenchDesign(cells=CellsScenario(noise_N=0.0))
 GAIT = GaitScenario(speed_m_s=0.8, ramp=None, strides=1, run_up=0, clearance_mm=60.0)
 STEP = TerrainBenchScenario(
     begin=0.15,
@@ -35,9 +35,18 @@ STEP = TerrainBenchScenario(
     shift=0.1,
     terrain=Step(rise_mm=60.0, at_m=0.2),
     gait=GAIT,
-    cells=QUIET,
+    machine=QUIET,
     place=PlaceScenario(540.0, 270.0),
 )
+
+
+def driven(**changes):
+    """The quiet bench with other drives."""
+    return replace(QUIET, sliders=replace(QUIET.sliders, **changes))
+
+
+def noisy(deviation):
+    return BenchDesign(cells=CellsScenario(noise_N=deviation))
 
 
 def run(scenario, machine=TERRAIN_BENCH, duration=None):
@@ -114,7 +123,11 @@ def test_without_the_bodys_inertia_bench_and_world_differ(stepped):
 
 def test_the_belt_carries_the_foot_to_the_rear_at_its_speed():
     walking = TerrainBenchScenario(
-        configuration="treadmill", begin=0.05, end=0.0, shift=0.1, gait=GAIT, cells=QUIET
+        machine=replace(QUIET, configuration="treadmill"),
+        begin=0.05,
+        end=0.0,
+        shift=0.1,
+        gait=GAIT,
     )
     found = run(walking)
     asked = walking.walk.at(found.time)
@@ -150,16 +163,16 @@ def test_the_force_of_the_drive_is_limited_to_what_it_can_give():
 
 def test_the_sliders_push_no_harder_than_they_can():
     assert np.abs(run(STEP, duration=0.2)["truth.slider_force"]).max() > 60.0
-    weak = replace(STEP, sliders=replace(STEP.sliders, max_force_N=50.0))
+    weak = replace(STEP, machine=driven(max_force_N=50.0))
     assert np.abs(run(weak, duration=0.2)["truth.slider_force"]).max() <= 50.0 + 1e-9
 
 
 def test_settings_reach_what_they_are_about():
     """Each changes the numbers of the run that it should change."""
-    usual = run(replace(STEP, cells=CellsScenario(noise_N=5.0)), duration=0.3)
+    usual = run(replace(STEP, machine=noisy(5.0)), duration=0.3)
     for changed, signal in (
-        (replace(STEP, cells=CellsScenario(noise_N=0.0)), "cells.force"),
-        (replace(STEP, seed=1, cells=CellsScenario(noise_N=5.0)), "cells.force"),
+        (replace(STEP, machine=noisy(0.0)), "cells.force"),
+        (replace(STEP, seed=1, machine=noisy(5.0)), "cells.force"),
         (replace(STEP, leg=replace(STEP.leg, friction=0.1)), None),
         (
             replace(STEP, leg=replace(STEP.leg, stance_stiffness_N_m=[4e3, 2e4])),
@@ -168,7 +181,7 @@ def test_settings_reach_what_they_are_about():
         (replace(STEP, hip=replace(STEP.hip, stiffness_N_m=0.0)), "hip.force_command"),
         (replace(STEP, hip=replace(STEP.hip, mass_kg=25.0)), "truth.foot_force"),
         (
-            replace(STEP, sliders=replace(STEP.sliders, stiffness_N_um=5.0)),
+            replace(STEP, machine=driven(stiffness_N_um=5.0)),
             "truth.pose",
         ),
     ):
@@ -284,8 +297,8 @@ def test_a_leg_that_nothing_drives_may_be_sampled_as_slowly_as_the_drives():
 
 
 def test_drives_are_no_faster_than_the_scenario_has_them():
-    sliders = replace(STEP.sliders, max_velocity_m_s=1.2, max_acceleration_m_s2=40.0)
-    params = slider_params(replace(STEP, sliders=sliders))
+    machine = driven(max_velocity_m_s=1.2, max_acceleration_m_s2=40.0)
+    params = slider_params(replace(STEP, machine=machine))
     assert params.max_velocity == 1.2
     # A little more, so that an acceleration that is met exactly passes.
     assert 40.0 < params.acceleration < 41.0

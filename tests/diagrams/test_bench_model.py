@@ -14,6 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.terrain_simulator.model import STIFFNESS, add_bench
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import (
     slider_forces,
     slider_places,
@@ -27,6 +28,7 @@ PEDAL = ((0.5, 0.28, 0.0), (0.06, 0.03, 0.2), (1.0, 3.0, 2.0))
 TREADMILL = ((0.85, 0.19, 0.0), (0.05, 0.02, 0.1), (1.0, 3.0, 2.0))
 NAMES = ("rail", "slider_1", "slider_2", "slider_3", "link_1", "link_2", "plate", "tread", "strut")
 MOTIONS = {"pedal": PEDAL, "treadmill": TREADMILL}
+GEOMETRIES = {"pedal": BenchGeometry.pedal(), "treadmill": BenchGeometry.treadmill()}
 BOTH = pytest.mark.parametrize("configuration", MOTIONS)
 
 
@@ -36,7 +38,7 @@ class Bench:
     def __init__(self, configuration, time_step=1e-3, stiffness=STIFFNESS):
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
-        self.model = add_bench(self.plant, configuration, stiffness)
+        self.model = add_bench(self.plant, GEOMETRIES[configuration], stiffness)
         self.geometry = self.model.geometry
         self.simulator = Simulator(builder.Build())
         root = self.simulator.get_mutable_context()
@@ -174,11 +176,6 @@ def test_without_looking_ahead_a_plate_is_late_by_a_step():
 def test_loops_close_four_times_as_well_at_half_the_step(configuration):
     coarse, fine = (Bench(configuration, step).follow(0.35)[1] for step in (4e-3, 2e-3))
     assert coarse / fine == pytest.approx(4.0, rel=0.15)
-
-
-def test_a_bench_that_there_is_not_is_refused():
-    with pytest.raises(ValueError, match="configuration must be one of pedal, treadmill: 'belt'"):
-        Bench("belt")
 
 
 @BOTH

@@ -55,7 +55,7 @@ from parapod.systems.machining_centre.sequence import SequenceParams
 from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.walking_chair.feedforward import NotAtStart
 from parapod.systems.walking_chair.gait import Walk, gait_motion, starting_lengths
@@ -176,14 +176,14 @@ def add_tripod(plant):
 
 
 def add_pedal(plant):
-    return add_bench(plant, "pedal")
+    return add_bench(plant, BenchGeometry.pedal())
 
 
 def add_pedal_and_leg(plant):
     def add_leg():
         add_leg_on_slide(plant, UrdfLeg(), 30.0)
 
-    return add_bench(plant, "pedal", add_more=add_leg)
+    return add_bench(plant, BenchGeometry.pedal(), add_more=add_leg)
 
 
 PARTS = ("position", "velocity", "acceleration")
@@ -200,7 +200,7 @@ CENTRE = {
 }
 START = gait_motion(CHAIR, WALK.gaits[0], 0.0)
 PLATE = np.array((0.5, 0.28, 0.0))
-SLIDERS = around(slider_places(CONFIGURATIONS["pedal"], PLATE), 2e-3)
+SLIDERS = around(slider_places(BenchGeometry.pedal(), PLATE), 2e-3)
 BENCH = {
     **dict.fromkeys(("pose_asked", "pose"), around(PLATE, 2e-3)),
     "position_measured": SLIDERS,

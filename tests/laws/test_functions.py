@@ -17,10 +17,10 @@ from parapod.systems.machining_centre.branch import branch_joints
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.platform_mode import inverse_kinematics
 from parapod.systems.machining_centre.swing import lock_sets
-from parapod.systems.terrain_simulator.cells import CELLS
+from parapod.systems.terrain_simulator.cells import CellsGeometry
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import slider_places
-from parapod.systems.terrain_simulator.load_estimator import MASSES
+from parapod.systems.terrain_simulator.load_estimator import BenchMasses
 from parapod.systems.walking_chair.gait import TrotGait, Walk, gait_motion, starting_lengths
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
@@ -118,9 +118,9 @@ SAMPLED = {
 FIXED = {
     "arm": ArmGeometry(),
     "blend": 0.2,
-    "bodies": MASSES["pedal"],
+    "bodies": BenchMasses(),
     "body_rotation": np.eye(3),
-    "cells": CELLS["pedal"],
+    "cells": CellsGeometry(),
     "corner": CHAIR.leg.corners[0],
     "gait": GAIT,
     "limit": 1.0,

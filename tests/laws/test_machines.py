@@ -354,7 +354,7 @@ BEGINNINGS = {
     "walking_chair": (
         "passenger.mass_kg=41.3 passenger.x_mm=25 passenger.y_mm=-40 passenger.height_mm=310",
         "passenger.mass_kg=0",
-        "gait.way=back gait.step_mm=80 drives.gain_error=0.1 seed=5",
+        "gait.way=back gait.step_mm=80 machine.drives.gain_error=0.1 seed=5",
     ),
 }
 each_beginning = pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from parapod.sims.report.chapter import Chapter, Component, Part, Picture
 from parapod.sims.terrain_simulator.report.claims import CLAIMS
 from parapod.sims.terrain_simulator.report.drawings import DRAWINGS
 from parapod.sims.terrain_simulator.report.errata import ERRATA
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 
 _VIEW = View((1.5, -2.6, 1.15), (0.60, 0.0, 0.08), angle=0.37, size=(1280, 900))
 
@@ -23,8 +24,8 @@ def pictures() -> tuple[Picture, ...]:
 
 
 def _take() -> tuple[Picture, ...]:
-    (pedal,) = photograph([_VIEW], "pedal", (0.5, 0.29, math.radians(15.0)))
-    (treadmill,) = photograph([_VIEW], "treadmill", (0.8, 0.26, math.radians(-7.0)))
+    (pedal,) = photograph([_VIEW], BenchGeometry.pedal(), (0.5, 0.29, math.radians(15.0)))
+    (treadmill,) = photograph([_VIEW], BenchGeometry.treadmill(), (0.8, 0.26, math.radians(-7.0)))
     return (
         Picture("The pedal", "Front end down by 15 deg (in the place of Fig. 1).", pedal),
         Picture("The treadmill", "Front end up by 7 deg (in the place of Fig. 3).", treadmill),
@@ -52,7 +53,12 @@ _PARTS = (
         "2.75 m/s is the fastest motion that the paper names. The pedal reaches it just before "
         "its limit; the treadmill, whose belt carries the foot back, has room for it.",
         "bench-walk",
-        ("configuration=treadmill", "gait.speed_m_s=2.75", "gait.duty=0.4", "gait.ramp=0.3"),
+        (
+            "machine.configuration=treadmill",
+            "gait.speed_m_s=2.75",
+            "gait.duty=0.4",
+            "gait.ramp=0.3",
+        ),
         quick=(*_SHORT, "gait.speed_m_s=1"),
         source="section 2, Figs. 2 and 3",
     ),

@@ -127,8 +127,13 @@ CENTRE_JOB = (
 
 # A slow walk whose ground rises and falls, so that the belt runs and the sliders move.
 BENCH_WALK = (
-    *("configuration=treadmill", "control.period=0.01", "gait.speed_m_s=0.4", "gait.strides=1"),
-    *("gait.run_up=0", "terrain=!Heave {amplitude_mm: 10}"),
+    *(
+        "machine.configuration=treadmill",
+        "control.period=0.01",
+        "gait.speed_m_s=0.4",
+        "gait.strides=1",
+    ),
+    *("gait.strides=1", "gait.run_up=0", "terrain=!Heave {amplitude_mm: 10}"),
     "hardware.drivers=[!Epos2Sliders {}, !Epos2HipSlide {}, !Epos2Belt {}, !NiDaqForceCells {}, "
     "!NotFittedPart {part: leg}]",
 )

@@ -5,6 +5,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.terrain_simulator.twin import BenchTwin
 from parapod.sims.lab.panel import Readout
@@ -43,7 +44,7 @@ def test_the_plate_goes_where_the_sliders_are_and_the_leg_stays_on_it():
     # Beyond what is possible it stops where plate and strut make the least angle.
     sliders.values["phi [deg]"] = 75.0
     simulator.AdvanceTo(2.8)
-    held = float(singularity(scenario.geometry, now["truth.pose"]()).sin_mu)
+    held = float(singularity(scenario.machine.geometry, now["truth.pose"]()).sin_mu)
     assert held == pytest.approx(0.25, abs=3e-3)
     assert now["share"]()[0] < 0.01
     assert now["truth.foot_force"]()[1] == pytest.approx(294.3, rel=0.3)
@@ -54,7 +55,7 @@ def test_a_terrain_is_walked_at_the_speed_that_is_chosen():
     slow, usual = (bench.walk_of("stairs up", share).gait.speed_m_s for share in (50.0, 100.0))
     assert usual == pytest.approx(0.435)
     assert slow == pytest.approx(0.5 * usual)
-    belt = TerrainBenchScenario(configuration="treadmill")
+    belt = TerrainBenchScenario(machine=BenchDesign(configuration="treadmill"))
     assert LiveBench(belt, None, None, None, None).walk_of("level", 50.0).gait.speed_m_s == 0.75
 
 

@@ -6,24 +6,23 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.model import add_bench
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.terrain_simulator.cells import (
-    CELLS,
     cell_forces,
     inertial_load,
     load_of_cells,
 )
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
 from parapod.systems.terrain_simulator.hip_support import HipSupport, HipSupportParams
 from parapod.systems.terrain_simulator.kinematics import slider_forces, slider_rates
 from parapod.systems.terrain_simulator.load_estimator import (
-    MASSES,
     drive_forces,
     load_of_drives,
 )
 
 POSES = {"pedal": (0.5, 0.28, 0.1), "treadmill": (0.85, 0.19, 0.05)}
+BENCHES = {name: BenchDesign(configuration=name) for name in POSES}
 both = pytest.mark.parametrize("configuration", POSES)
 STILL = np.zeros(6)
 
@@ -31,32 +30,34 @@ STILL = np.zeros(6)
 @both
 def test_cells_and_loads_are_inverse_to_each_other(configuration):
     load = np.random.default_rng(0).uniform(-500.0, 500.0, (20, 3))
-    cells = CELLS[configuration]
+    cells = BENCHES[configuration].cells_geometry
     np.testing.assert_allclose(load_of_cells(cells, cell_forces(cells, load)), load, atol=1e-9)
 
 
 def test_a_weight_at_the_front_presses_the_front_cell_alone():
-    cells = CELLS["pedal"]
+    cells = BENCHES["pedal"].cells_geometry
     load = np.array((0.0, -100.0, 100.0 * cells.apart))
     np.testing.assert_allclose(cell_forces(cells, load), (0.0, 100.0, 0.0), atol=1e-9)
 
 
 @both
 def test_a_tread_at_rest_weighs_on_its_cells(configuration):
-    cells = CELLS[configuration]
+    cells = BENCHES[configuration].cells_geometry
     load = inertial_load(cells, np.concatenate((POSES[configuration][:2], [0.0], STILL)))
     np.testing.assert_allclose(load, (0.0, -cells.mass * GRAVITY, 0.0), atol=1e-12)
 
 
 def test_a_tread_that_falls_freely_does_not_weigh():
     motion = np.concatenate(((0.5, 0.28, 0.3), np.zeros(3), (0.0, -GRAVITY, 0.0)))
-    np.testing.assert_allclose(inertial_load(CELLS["pedal"], motion), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        inertial_load(BENCHES["pedal"].cells_geometry, motion), 0.0, atol=1e-12
+    )
 
 
 @both
 def test_a_tread_in_motion_loads_its_cells_by_newton_and_euler(configuration):
     """Its centre of mass follows from the pose alone, and its acceleration from differences."""
-    cells, random = CELLS[configuration], np.random.default_rng(0)
+    cells, random = BENCHES[configuration].cells_geometry, np.random.default_rng(0)
     pose, rate, jerked = random.uniform(-1.0, 1.0, (3, 3)) * ((1.0,), (3.0,), (20.0,))
 
     def turn(phi):  # about y: the front end goes down
@@ -64,7 +65,7 @@ def test_a_tread_in_motion_loads_its_cells_by_newton_and_euler(configuration):
 
     def centre(time):
         x, z, phi = pose + rate * time + 0.5 * jerked * time**2
-        return np.array((x, z)) + turn(phi) @ (0.0, -cells.below)
+        return np.array((x, z)) + turn(phi) @ cells.centre
 
     step = 1e-4
     acceleration = (centre(step) - 2.0 * centre(0.0) + centre(-step)) / step**2
@@ -80,7 +81,7 @@ def test_drives_push_as_rigid_bodies_need_it(configuration):
     """Against Drake's inverse dynamics of the tree, projected onto the sliders."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    model = add_bench(plant, configuration)
+    model = add_bench(plant, BENCHES[configuration].geometry)
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
     context, geometry = plant.GetMyMutableContextFromRoot(root), model.geometry
@@ -104,15 +105,15 @@ def test_drives_push_as_rigid_bodies_need_it(configuration):
         by_twist = slider_rates(geometry, pose, np.eye(3)).T
         needed = np.linalg.solve(by_twist.T, by_pose @ torque - load)
         motion = np.concatenate((pose, twist, change))
-        found = drive_forces(geometry, MASSES[configuration], motion, load)
-        np.testing.assert_allclose(found, needed, rtol=1e-4, atol=0.02)
-        back = load_of_drives(geometry, MASSES[configuration], motion, found)
+        found = drive_forces(geometry, BENCHES[configuration].masses, motion, load)
+        np.testing.assert_allclose(found, needed, rtol=1e-6, atol=1e-3)
+        back = load_of_drives(geometry, BENCHES[configuration].masses, motion, found)
         np.testing.assert_allclose(back, load, atol=1e-9)
 
 
 @both
 def test_at_rest_drives_differ_by_the_statics_of_the_load(configuration):
-    geometry, masses = CONFIGURATIONS[configuration], MASSES[configuration]
+    geometry, masses = BENCHES[configuration].geometry, BENCHES[configuration].masses
     motion = np.concatenate((POSES[configuration], STILL))
     load = np.array((20.0, -600.0, 15.0))
     more = drive_forces(geometry, masses, motion, load)

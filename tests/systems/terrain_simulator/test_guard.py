@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.guard import SingularityGuard, SingularityGuardParams
 from parapod.systems.terrain_simulator.kinematics import (
     LIMITS,
@@ -15,7 +15,7 @@ from parapod.systems.terrain_simulator.path import Gait, PathLimits, PlatePath
 from parapod.systems.terrain_simulator.terrain import Level, Slope, Stairs
 from parapod.systems.terrain_simulator.walk import BenchWalk, check_walk
 
-PEDAL, PERIOD = CONFIGURATIONS["pedal"], 2e-3
+PEDAL, PERIOD = BenchGeometry.pedal(), 2e-3
 LINE = LIMITS.index("line P T A_3")
 START = (0.5, 0.28, 0.0)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.terrain_simulator.geometry import CONFIGURATIONS
+from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.jump import SquatJump
 from parapod.systems.terrain_simulator.path import Gait, PathLimits, PathRefused, PlatePath
 from parapod.systems.terrain_simulator.terrain import Heave, Level, Slope, Stairs
 from parapod.systems.terrain_simulator.walk import BenchWalk, check_walk
 
-PEDAL = CONFIGURATIONS["pedal"]
+PEDAL = BenchGeometry.pedal()
 TROT = PlatePath(Level(), Gait(1.5, ramp=0.28), 0.513, 0.30)
 WALKS = {
     "trot": BenchWalk(TROT, 30.0, 0.58),
