@@ -6,15 +6,15 @@ from rich.console import Console
 
 from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
-    SensorScenario,
     WaypointScenario,
 )
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _LOG = ("truth.posture", "truth.extension", "truth.loop_error", "posture_desired_state")
 # The grounds that the stroke can level, out to its edge: roll, pitch [deg].
@@ -32,8 +32,8 @@ def model_error(time_step: float, leg_model: str = "full") -> dict[str, float]:
     its co-simulation (Figs. 8 and 9) is the same.
     """
     scenario = LevellingScenario(ground=GroundScenario(0.0, 5.0))
-    scenario.sensors = SensorScenario(0.0, False, 0.0, 0.0)
-    scenario.actuators.gain_error = 0.0
+    scenario.machine.sensors = SensorScenario(0.0, False, 0.0, 0.0)
+    scenario.machine.actuators.gain_error = 0.0
     scenario.plant.time_step, scenario.plant.leg_model = time_step, leg_model
     scenario.job.estimate_at = 2.0
     scenario.job.waypoints = [
@@ -43,9 +43,7 @@ def model_error(time_step: float, leg_model: str = "full") -> dict[str, float]:
     loop = ClosedLoop(PLATFORM, scenario, log=_LOG)
     signals = _simulate(loop, scenario, 9.0)
     moving = signals["t"] > scenario.job.estimate_at
-    predicted = forward_kinematics(
-        MODEL_GEOMETRY, signals["truth.extension"], scenario.ground.inclination
-    )
+    predicted = forward_kinematics(DRAWN, signals["truth.extension"], scenario.ground.inclination)
     error = np.abs(signals["truth.posture"] - predicted)[moving].max(axis=0)
     return {
         "angle_deg": float(np.degrees(error[:2]).max()),

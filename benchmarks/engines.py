@@ -33,7 +33,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.merged import Machine, Merger
-from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.levelling_platform.model import DRAWN, add_platform
 from parapod.diagrams.style import COLOURS
 from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.figures import Figure, Print, render
@@ -41,7 +41,6 @@ from parapod.systems.core.extras import need
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import swing_motion
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.physics.mujoco.model import MujocoModel
 
@@ -77,11 +76,11 @@ def posture_at(t: Floats) -> Floats:
 def references(leg: str) -> tuple[Floats, Floats, Floats]:
     """Times (n), positions (n, 4) and rates (n, 4) of the legs' driven joints."""
     t = np.arange(-1.0, DURATION + 1.0, _SPACING)
-    extension = inverse_kinematics(MODEL_GEOMETRY, posture_at(t), GROUND)
+    extension = inverse_kinematics(DRAWN, posture_at(t), GROUND)
     rate = np.gradient(extension, _SPACING, axis=0)
     if leg == "full":
         return t, extension, rate
-    pairs = zip(MODEL_GEOMETRY.legs, extension.T, strict=True)
+    pairs = zip(DRAWN.legs, extension.T, strict=True)
     legs = [swing_motion(dimensions, d) for dimensions, d in pairs]
     angle = np.column_stack([angle for angle, _ in legs])
     return t, angle, np.column_stack([ratio for _, ratio in legs]) * rate
@@ -119,7 +118,7 @@ def place(plant: MultibodyPlant, leg: str) -> Machine:
     whole.RegisterAsSourceForSceneGraph(scene_graph)
     model = add_platform(whole, leg, ground=GROUND)
     (start,) = posture_at(np.zeros(1))
-    extension = inverse_kinematics(MODEL_GEOMETRY, start, GROUND)
+    extension = inverse_kinematics(DRAWN, start, GROUND)
     positions = model.positions(extension, start, GROUND, (0.0, 0.0))
     feet = [whole.GetCollisionGeometriesForBody(body) for body in model.leg_bodies("roller")]
     ground = whole.GetCollisionGeometriesForBody(whole.GetBodyByName("ground"))

@@ -212,6 +212,21 @@ def place_element(element: Element, attribute: str, values: ArrayLike) -> None:
         _write(element, attribute, numbers)
 
 
+def set_attribute(root: Element, path: str, attribute: str, value: float) -> None:
+    """Gives an attribute of an element of a URDF model another number.
+
+    Args:
+        root: the file's `robot` element.
+        path: path of the element.
+        attribute: name of the attribute.
+        value: the number; one that rounds to the file's leaves it.
+    """
+    element = root.find(path)
+    assert element is not None, path
+    if not math.isclose(float(element.get(attribute, "nan")), value, rel_tol=_SAME):
+        element.set(attribute, repr(float(value)))
+
+
 def _read(element: Element | None, name: str) -> NDArray[np.float64]:
     text = "" if element is None else element.get(name, "")
     return np.array(text.split() or (0.0, 0.0, 0.0), dtype=float)

@@ -97,7 +97,6 @@ def test_wheel_holds_the_models_the_scenarios_and_nothing_of_the_tests(wheel):
         "parapod/urdf/package.xml",
         "parapod/urdf/levelling_platform/leg.urdf",
         "parapod/urdf/ground/ground.urdf",
-        "parapod/urdf/levelling_platform/platform_full.dmd.yaml",
         "parapod/sims/levelling_platform/level.yaml",
         "parapod/systems/py.typed",
     ):

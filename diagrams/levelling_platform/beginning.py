@@ -1,24 +1,19 @@
 """Beginning of a scenario: stance of the platform, and what is drawn from the seed."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY, STANDARD_GRAVITY
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.levelling_platform.plane import to_platform
-from parapod.systems.levelling_platform.supervisor import SupervisorParams
-from parapod.systems.levelling_platform.wheels import WheelGeometry
-
-_STOPS = LinearActuatorParams()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +60,13 @@ class Beginning:
         extension, posture = (_raised if on_wheels else _touchdown)(geometry, scenario)
         # One stream for all of it: the order of these three is part of what a seed means.
         random = np.random.default_rng(scenario.seed)
-        error = scenario.actuators.gain_error
+        error = scenario.machine.actuators.gain_error
         gain_scale = 1.0 + random.uniform(-error, error, LEG_COUNT)
         signs = random.choice([-1.0, 1.0], 6)
         noise_seed = int(random.integers(2**31))
-        gyro = (math.radians(scenario.sensors.gyro_bias_deg_s) * signs[:3]).tolist()
-        accel = (1e-3 * STANDARD_GRAVITY * scenario.sensors.accel_bias_mg * signs[3:]).tolist()
+        sensors = scenario.machine.sensors
+        gyro = (math.radians(sensors.gyro_bias_deg_s) * signs[:3]).tolist()
+        accel = (1e-3 * STANDARD_GRAVITY * sensors.accel_bias_mg * signs[3:]).tolist()
         return cls(
             ground=scenario.ground.inclination,
             foot_offsets=scenario.ground.foot_offsets,
@@ -109,8 +105,8 @@ def _raised(
     if min(scenario.ground.foot_offsets) < 0.0:
         key = "ground.foot_heights_mm"
         raise ScenarioError(f"{key} must be 0 or more on wheels, which stand on the plane", key)
-    extension = np.full(LEG_COUNT, SupervisorParams().raised)
-    posture = [*scenario.ground.inclination, WheelGeometry().standing_height]
+    extension = np.full(LEG_COUNT, scenario.machine.raised)
+    posture = [*scenario.ground.inclination, scenario.machine.wheel_geometry.standing_height]
     return extension, np.array(posture)
 
 
@@ -123,9 +119,9 @@ def _touchdown(
         UnreachablePosture: the fourth foot does not reach the ground.
     """
     ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
-    extension = np.full(LEG_COUNT, 1e-3 * scenario.job.initial_extension_mm)
+    extension = np.full(LEG_COUNT, scenario.initial_extension)
     if geometry.deviations or any(foot_offsets):
         posture = forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
-        whole = replace(geometry, extension_min=_STOPS.stop_min, extension_max=_STOPS.stop_max)
+        whole = geometry.with_stroke(scenario.machine.stops)
         extension = inverse_kinematics(whole, posture, ground, foot_offsets)
     return extension, forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)

@@ -11,7 +11,6 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer, MatrixGain
 
-from parapod.diagrams.levelling_platform.model import FAULT_DETECTOR, geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -24,14 +23,17 @@ from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
 from parapod.systems.levelling_platform.leg_motion import ContactKeeper, LegRamp
 from parapod.systems.levelling_platform.reference import PostureReference
-from parapod.systems.levelling_platform.stability_monitor import StabilityMonitor
+from parapod.systems.levelling_platform.stability_monitor import (
+    StabilityMonitor,
+    StabilityMonitorParams,
+)
 from parapod.systems.levelling_platform.supervisor import Supervisor
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
-# Legs follow their references within a millimetre; tracking errors above this mean a failed
-# encoder [m].
-_ERROR_LIMIT = 0.02
+# Legs follow their references within a millimetre; tracking errors above this share of their way
+# mean a failed encoder [-].
+_ERROR_LIMIT = 0.25
 # Least damping of the position loops: with less they ring [-].
 _LEAST_DAMPING = 0.1
 _EXTENSION = "legs.extension"
@@ -111,7 +113,7 @@ def add_posture_chain(
         on_unreachable: reaction of `PostureReference` to a command outside the workspace.
     """
     control = scenario.control
-    geometry, period = geometry_as_known(control), control.period
+    geometry, period = scenario.geometry_as_known, control.period
     reference = PostureReference(geometry, on_unreachable=on_unreachable, period=period)
     feedforward = KinematicFeedforward(geometry, law=control.feedforward, period=period)
     estimator, attitude = add_attitude(builder, control)
@@ -197,41 +199,52 @@ def pi_params(scenario: LevellingScenario) -> PiControllerParams:
     Raises:
         ScenarioError: a period that is too long for the pole.
     """
-    control = scenario.control
-    if control.period > (longest := longest_period(control.pole)):
+    control, actuators = scenario.tuned_control, scenario.machine.actuators
+    pole, limit, friction = control.pole, control.voltage_limit, control.friction_feedforward
+    assert pole is not None
+    assert limit is not None
+    assert friction is not None
+    if control.period > (longest := longest_period(pole, actuators.time_constant_ms / 1e3)):
         raise ScenarioError(
             f"control.period = {control.period:g} s is too long for control.pole = "
-            f"{control.pole:g} rad/s, the position loops would ring: it must be "
+            f"{pole:g} rad/s, the position loops would ring: it must be "
             f"{1e-4 * math.floor(1e4 * longest):g} s or less",
             "control.period",
         )
-    extending, retracting = control.friction_feedforward
+    extending, retracting = friction
+    params = actuators.params
     return PiControllerParams(
-        pole=control.pole,
-        voltage_limit=control.voltage_limit,
+        gain=params.gain,
+        pole=pole,
+        voltage_limit=limit,
         rate_feedforward=control.rate_feedforward,
         friction_feedforward=(extending, retracting),
-        error_limit=_ERROR_LIMIT,
-        gain_share=control.gain_share,
+        error_limit=_ERROR_LIMIT * (params.stop_max - params.stop_min),
+        gain_share=scenario.gain_share,
     )
 
 
-def longest_period(pole: float) -> float:
-    """Longest sampling period with which position loops of a pole [rad/s] do not ring [s]."""
+def longest_period(pole: float, tau: float = LinearActuatorParams().time_constant) -> float:
+    """Longest sampling period with which position loops do not ring [s].
+
+    Args:
+        pole: pole of the loops [rad/s].
+        tau: time constant of the actuators [s].
+    """
     low, high = 0.0, 1.0
     while high - low > 1e-6:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _damping(pole, middle) >= _LEAST_DAMPING else (low, middle)
+        low, high = (
+            (middle, high) if _damping(pole, middle, tau) >= _LEAST_DAMPING else (low, middle)
+        )
     return low
 
 
-def _damping(pole: float, period: float) -> float:
+def _damping(pole: float, period: float, tau: float) -> float:
     """Smallest damping of a sampled position loop, Eqs. (17) and (32).
 
     The actuator is K / (s (tau s + 1)), and a command takes effect a period after its measurement.
     """
-    actuator = LinearActuatorParams()
-    tau = actuator.inertia / actuator.viscous_friction
     decay = math.exp(-period / tau)
     way = tau * (1.0 - decay)
     k_v, k_i = 2.0 * pole, pole**2 * period  # of u = K times the voltage
@@ -278,7 +291,7 @@ def posture_loop_params(scenario: LevellingScenario) -> PostureLoopParams:
     """Design of the outer inclination loop."""
     return PostureLoopParams(
         gain=scenario.control.outer_loop_gain,
-        lag=PostureLoopParams().lag + 1e-3 * scenario.sensors.imu_delay_ms,
+        lag=PostureLoopParams().lag + 1e-3 * scenario.machine.sensors.imu_delay_ms,
     )
 
 
@@ -333,12 +346,12 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
         scenario: its `control` part is used.
         is_operated: true if a person operates it.
     """
-    builder = DiagramBuilder()
-    period, geometry = scenario.control.period, geometry_as_known(scenario.control)
+    builder, machine = DiagramBuilder(), scenario.machine
+    period, geometry = scenario.control.period, scenario.geometry_as_known
     chain = add_posture_chain(builder, scenario, on_unreachable="clamp")
     supervisor = add(
         builder,
-        Supervisor(geometry, standing_height=WheelGeometry().standing_height, period=period),
+        Supervisor(geometry, machine.supervisor, machine.wheel_geometry.standing_height, period),
     )
     keeper = add(builder, ContactKeeper(period=period))
     ramp = add(builder, LegRamp(period=period))
@@ -347,13 +360,14 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     enable = supervisor.GetOutputPort("legs_enable")
     pi = add_position_control(builder, scenario, chain.extension, desired, enable)
     connect(builder, desired, supervisor.GetInputPort("extension_desired_state"))
-    _wire_supervisor(builder, chain, supervisor)
-    fault_detector = FaultDetector(geometry, FAULT_DETECTOR, period)
+    _wire_supervisor(builder, chain, supervisor, machine.wheel_geometry)
+    fault_detector = FaultDetector(geometry, machine.fault_detector, period)
     detector = _add_fault_detector(builder, chain, supervisor, pi, fault_detector)
     if is_operated:
         builder.ExportInput(supervisor.GetInputPort("jog_request"), "jog_request")
         builder.ExportInput(detector.GetInputPort("operator_age"), "operator_age")
-    monitor = StabilityMonitor(geometry, period=period)
+    limits = StabilityMonitorParams(platform=machine.masses)
+    monitor = StabilityMonitor(geometry, limits, period=period)
     _add_stability_monitor(builder, chain, supervisor, keeper, monitor)
     diagram = builder.Build()
     diagram.set_name("controller")
@@ -384,7 +398,9 @@ def _wire_legs(
     builder.ExportInput(keeper.GetInputPort("limits"), "legs.limits")
 
 
-def _wire_supervisor(builder: DiagramBuilder, chain: PostureChain, supervisor: Supervisor) -> None:
+def _wire_supervisor(
+    builder: DiagramBuilder, chain: PostureChain, supervisor: Supervisor, wheels: WheelGeometry
+) -> None:
     ground = chain.ground
     for source, port in (
         (ground.GetOutputPort("ground"), "ground"),
@@ -403,7 +419,7 @@ def _wire_supervisor(builder: DiagramBuilder, chain: PostureChain, supervisor: S
     builder.ExportInput(supervisor.GetInputPort("wheel_velocity"), "wheels.velocity")
     for name in ("operator", "posture_request"):
         builder.ExportInput(supervisor.GetInputPort(name), name)
-    steering = add(builder, MatrixGain(WheelGeometry().skid_steering()), "skid_steering")
+    steering = add(builder, MatrixGain(wheels.skid_steering()), "skid_steering")
     builder.ExportInput(steering.get_input_port(), "drive_request")
     connect(builder, steering.get_output_port(), supervisor.GetInputPort("drive_request"))
     for port, name in (

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import Ticks, Trip
-from parapod.diagrams.levelling_platform.model import FAULT_DETECTOR, geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import RULES, FaultDetector, Finding
 from parapod.systems.levelling_platform.plane import attitude_seeing
@@ -51,12 +50,14 @@ class PlatformGuard:
         """Begins to watch.
 
         Args:
-            scenario: its `control` part is that of the loop.
+            scenario: its machine and `control` part are those of the loop.
         """
         self._ticks = Ticks(scenario.control.period)
-        geometry = geometry_as_known(scenario.control)
+        geometry = scenario.geometry_as_known
         self._offsets = scenario.control.encoder_offsets
-        self._detector = FaultDetector(geometry, FAULT_DETECTOR, scenario.control.period)
+        self._detector = FaultDetector(
+            geometry, scenario.machine.fault_detector, scenario.control.period
+        )
         self._context = self._detector.CreateDefaultContext()
         for i in range(self._detector.num_input_ports()):
             port = self._detector.get_input_port(i)

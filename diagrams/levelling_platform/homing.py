@@ -1,6 +1,6 @@
 """Homing of the platform's legs against their switches, and its check on the ground."""
 
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,33 +18,29 @@ from parapod.diagrams.homing import (
     Values,
     lead,
 )
-from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,
     unevenness,
 )
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import attitude_seeing
-from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 _EXTENSION, _LIMITS, _ACCEL = "legs.extension", "legs.limits", "imu.accel"
 _EXTENDED, _CONTACT = slice(0, LEG_COUNT), slice(2 * LEG_COUNT, 3 * LEG_COUNT)
-_GAIN = LinearActuatorParams().gain
 # Voltages of the search, and of legs that look for the ground [V].
 _FAST, _SLOW, _LOWERING = 1.0, 0.3, 0.5
-_STROKE = 0.085  # a little more than there is between the end stops [m]
-# Where a leg is up again [m], and how far below first contact the ground is looked for [m].
-_UP, _DEEPEST = 0.450, 0.012
+# Longest search, depth below first contact at which the ground is given up, and height at which a
+# touching foot is no longer believed, by the way between the end stops [-].
+_STROKE, _DEEPEST, _HIGHEST = 1.0625, 0.15, 0.5
 # Ratio of the longest time of a leg on its way down to that by its voltage [-].
 _SLOWEST = 2.0
 # Way by which the legs then retract, which lifts the platform by six times that [m].
 _RISE = 2e-3
 # Legs come up together: a leg that is ahead of another waits within the first of these, more than
-# the second is a fault; they go on for the third once no foot touches, and no further than the
-# fourth while one does [m].
-_WAITS, _APART, _CLEAR, _HIGHEST = 5e-4, 2e-3, 2e-3, 0.04
+# the second is a fault; they go on for the third once no foot touches [m].
+_WAITS, _APART, _CLEAR = 5e-4, 2e-3, 2e-3
 # Share of the way by its voltage that a leg has come up by, after a while [-, s].
 _SHARE, _GRACE = 0.2, 1.0
 # Time in which the inertial sensor is averaged, machine at rest [s].
@@ -67,13 +63,22 @@ def _positions(driver: Any) -> list[float]:
     return [1e-3 * driver.extended_mm] * LEG_COUNT
 
 
-def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Procedure[None]:
+def raise_feet(
+    highest: float, homing: Homing, driver: Any, period: float, tell: Tell
+) -> Procedure[None]:
     """Raises all legs together, until the platform is on its wheels and no foot touches.
 
     A platform whose program was killed stands on legs of unknown lengths;
     one that went up alone would tilt it. Encoders without a reference tell ways all the same: a
     leg that is ahead waits for the others. One that is at its end already, as a search that was
     broken off leaves it, stays there.
+
+    Args:
+        highest: way after which no foot can touch [m].
+        homing: the search.
+        driver: the legs' driver.
+        period: period of the loop [s].
+        tell: told what happens.
 
     Raises:
         HomingError: a leg does not come up, or a foot touches however far it does.
@@ -102,7 +107,7 @@ def raise_feet(homing: Homing, driver: Any, period: float, tell: Tell) -> Proced
             raise HomingError(f"leg {last + 1} does not come up: encoder, drive or supply")
         if not _touching(values).any():
             free = min(free, way[last])
-        if way[last] > _HIGHEST and not np.isfinite(free):
+        if way[last] > highest and not np.isfinite(free):
             i = int(np.argmax(_touching(values)))
             raise HomingError(
                 f"foot {i + 1} touches although its leg has come up by {1e3 * way[i]:.0f} mm: "
@@ -162,27 +167,36 @@ def _touching(values: Values) -> NDArray[np.bool_]:
     return np.array(values[_LIMITS])[_CONTACT] > 0.5
 
 
-def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list[Check]]:
+def check_on_floor(
+    machine: PlatformDesign, homing: Homing, driver: Any, period: float
+) -> Procedure[list[Check]]:
     """Lowers the legs onto the floor on which the wheels stand, and rises a little on them.
 
     Wheels and feet then stand on one plane, so each leg's extension at first contact is known
     from the drawing; so is that the feet are in a plane, and, however the floor is inclined and
     whatever the inertial sensor's bias, by how much the platform tilts when it is lifted.
 
+    Args:
+        machine: the platform.
+        homing: the search.
+        driver: the legs' driver.
+        period: period of the loop [s].
+
     Raises:
         HomingError: a foot finds no ground.
     """
-    expected = _floor()
+    geometry, expected = machine.geometry, on_floor(machine)
+    low, high = machine.stops
     rolling = yield from _inclination(period)
-    touched = yield from _lower(homing, float(expected.min()) - _DEEPEST)
+    touched = yield from _lower(homing, float(expected.min()) - _DEEPEST * (high - low))
     lifting = (touched - _RISE).tolist()
     standing = yield from lead(homing, _EXTENSION, lifting)
     stood = np.array(standing[_EXTENSION])
     lifted = yield from _inclination(period)
-    yield from lead(homing, _EXTENSION, [_UP] * LEG_COUNT)
-    posture = forward_kinematics(MODEL_GEOMETRY, stood, np.zeros(2))
+    yield from lead(homing, _EXTENSION, [machine.raised] * LEG_COUNT)
+    posture = forward_kinematics(geometry, stood, np.zeros(2))
     tilt = np.degrees(lifted - rolling - posture[:2])
-    plane = unevenness(MODEL_GEOMETRY, touched)
+    plane = unevenness(geometry, touched)
     return [
         Check(
             "touch_error_mm",
@@ -208,12 +222,14 @@ def check_on_floor(homing: Homing, driver: Any, period: float) -> Procedure[list
     ]
 
 
-def _floor() -> NDArray[np.float64]:
-    """Extensions (4) with which the feet touch the floor on which the wheels stand [m]."""
-    stops = LinearActuatorParams()
-    whole = replace(MODEL_GEOMETRY, extension_min=stops.stop_min, extension_max=stops.stop_max)
-    posture = (0.0, 0.0, WheelGeometry().standing_height)
-    return inverse_kinematics(whole, posture, np.zeros(2))
+def on_floor(machine: PlatformDesign) -> NDArray[np.float64]:
+    """Extensions (4) with which the feet touch the floor on which the wheels stand [m].
+
+    Args:
+        machine: the platform.
+    """
+    posture = (0.0, 0.0, machine.wheel_geometry.standing_height)
+    return inverse_kinematics(machine.geometry.with_stroke(machine.stops), posture, np.zeros(2))
 
 
 def _lower(homing: Homing, deepest: float) -> Procedure[NDArray[np.float64]]:
@@ -221,7 +237,7 @@ def _lower(homing: Homing, deepest: float) -> Procedure[NDArray[np.float64]]:
     values = yield [0.0] * LEG_COUNT
     touched, elapsed, watch = np.full(LEG_COUNT, np.nan), 0.0, Stopwatch(_EXTENSION)
     watch.lap(values)
-    longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (_GAIN * _LOWERING)
+    longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (homing.gain * _LOWERING)
     while np.isnan(touched).any():
         here = np.array(values[_EXTENSION])
         new = np.isnan(touched) & _touching(values)
@@ -253,22 +269,30 @@ def _inclination(period: float) -> Procedure[NDArray[np.float64]]:
     return np.array(attitude_seeing((x, y, z), (0.0, 0.0, 1.0)))
 
 
-LEGS = Homing(
-    command="voltage",
-    measures="extension",
-    gain=_GAIN,
-    fast=_FAST,
-    slow=_SLOW,
-    longest=_STROKE,
-    sign=_sign,
-    positions=_positions,
-    size=LEG_COUNT,
-    others=(_LIMITS, _EXTENDED),
-    begin=raise_feet,
-    watch=Tilting,
-    checks=check_on_floor,
-    parts=("imu",),
-    rest={"stop": 0.0},
-    prepare="on a flat floor, on its wheels or on its feet, nothing below it",
-    checking="all legs come down to the floor, and lift the platform a little",
-)
+def make_homing(machine: PlatformDesign) -> Homing:
+    """The homing of a platform's legs.
+
+    Args:
+        machine: the platform.
+    """
+    low, high = machine.stops
+    way = high - low
+    return Homing(
+        command="voltage",
+        measures="extension",
+        gain=machine.actuators.params.gain,
+        fast=_FAST,
+        slow=_SLOW,
+        longest=_STROKE * way,
+        sign=_sign,
+        positions=_positions,
+        size=LEG_COUNT,
+        others=(_LIMITS, _EXTENDED),
+        begin=partial(raise_feet, _HIGHEST * way),
+        watch=Tilting,
+        checks=partial(check_on_floor, machine),
+        parts=("imu",),
+        rest={"stop": 0.0},
+        prepare="on a flat floor, on its wheels or on its feet, nothing below it",
+        checking="all legs come down to the floor, and lift the platform a little",
+    )

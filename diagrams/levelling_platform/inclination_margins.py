@@ -9,7 +9,7 @@ while moving. A dead band of .03 deg leaves 4 of 20 up to .005 deg worse, and br
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
-from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
 from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics, PostureLoop
@@ -183,16 +182,16 @@ def inclination_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> Di
     builder = DiagramBuilder()
     period, ground = scenario.control.period, np.array(scenario.ground.inclination)
     posture = _level_posture(scenario)
-    geometry = geometry_as_known(scenario.control)
+    geometry = scenario.geometry_as_known
     loop = add(builder, PostureLoop(posture_loop_params(scenario), period))
     feedforward = add(builder, KinematicFeedforward(geometry, period=period))
     passive = add(builder, PassiveLegSolver(geometry))
     pi = add(builder, PiController(pi_params(scenario), period=period))
     rods = LinearActuator(
-        LinearActuatorParams(model="integrator"),
+        replace(scenario.machine.actuators.params, model="integrator"),
         time_step=period,
         extension=inverse_kinematics(geometry, posture, ground),
-        gain_scale=gain_scale * np.array(scenario.control.gain_share),
+        gain_scale=gain_scale * np.array(scenario.gain_share),
     )
     actuators = add(builder, rods)
     kinematics = add(builder, ForwardKinematics(geometry))
@@ -219,7 +218,7 @@ def inclination_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> Di
 
 
 def _level_posture(scenario: LevellingScenario) -> NDArray[np.float64]:
-    return np.array([0.0, 0.0, 1e-3 * scenario.job.height_mm])
+    return np.array([0.0, 0.0, scenario.level_height])
 
 
 def _settled(scenario: LevellingScenario, gain_scale: float) -> tuple[Diagram, Context]:

@@ -11,17 +11,15 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
-from parapod.diagrams.levelling_platform.homing import LEGS
-from parapod.diagrams.levelling_platform.model import geometry_as_known
+from parapod.diagrams.levelling_platform.homing import make_homing
 from parapod.diagrams.levelling_platform.mujoco import add_mujoco_bodies
 from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
-from parapod.diagrams.levelling_platform.ports import PARTS, PORTS
+from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.twin import PlatformTwin
 from parapod.diagrams.machine import Machine, SelfTest, numbered
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.wiring import named_source
-from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
@@ -38,8 +36,8 @@ def make_script(scenario: LevellingScenario) -> PostureScript:
         for w in job.waypoints
     ]
     return PostureScript(
-        geometry_as_known(scenario.control),
-        1e-3 * job.height_mm,
+        scenario.geometry_as_known,
+        scenario.level_height,
         waypoints,
         period=scenario.control.period,
     )
@@ -76,22 +74,25 @@ def _resets(scenario: LevellingScenario) -> tuple[str, ...]:
     return (
         *(("seed",) if is_as_drawn else ()),
         *("ground.roll_deg", "ground.pitch_deg", *uneven),
-        "actuators.gain_error",
-        "sensors.accel_bias_mg",
-        "sensors.gyro_bias_deg_s",
+        "machine.actuators.gain_error",
+        "machine.sensors.accel_bias_mg",
+        "machine.sensors.gyro_bias_deg_s",
         "job.initial_extension_mm",
     )
 
 
 def _limits(scenario: LevellingScenario) -> Limits:
     """Supply of the motors and stroke of the rods, as they are in a scenario."""
-    supply, rods = scenario.actuators.supply_voltage, LinearActuatorParams()
+    actuators = scenario.machine.actuators
+    supply, rods = actuators.supply_voltage, actuators.params
     return {
         "legs.voltage": (-supply, supply),
         "truth.extension": (rods.stop_min, rods.stop_max),
     }
 
 
+# Voltages of a self-test by the supply's: usual and largest [-].
+_USUAL, _LARGEST = 1.0 / 12.0, 1.0 / 6.0
 # Resolution of the optical tracker of Appendix B [mm, deg].
 _TRACKER = (0.05, 0.01)
 
@@ -105,36 +106,44 @@ def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
     return f"height {reading[0]:.2f} mm, roll {reading[1]:.2f} deg, pitch {reading[2]:.2f} deg"
 
 
+def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
+    """The self-test and the homing by the actuators, and the size of faults."""
+    machine = scenario.machine
+    params = machine.actuators.params
+    usual, largest = (share * params.supply_voltage for share in (_USUAL, _LARGEST))
+    legs = SelfTest(
+        command="voltage",
+        usual=usual,
+        largest=largest,
+        measures="extension",
+        gain=params.gain,
+        rest={"stop": 0.0},
+    )
+    wheels = SelfTest(
+        command="velocity_command",
+        usual=1.0,
+        largest=2.0,
+        measures="position",
+        rest={"brake": 0.0},
+    )
+    return {
+        "self_tests": {"legs": legs, "wheels": wheels},
+        "homings": {"legs": make_homing(machine)},
+        "ports": make_ports(params, machine.level_heights),
+    }
+
+
 PLATFORM = Machine(
     name="levelling_platform",
     title="the levelling platform",
     experiment="level",
     scenario=LevellingScenario,
-    ports=PORTS,
     parts=PARTS,
     axes={"legs": numbered("leg", 4), "wheels": numbered("wheel", 4)},
     plants={"multibody": add_bodies, "kinematic": add_statics, "mujoco": add_mujoco_bodies},
     mock=add_mock,
     controller=make_controller,
     sources=make_sources,
-    self_tests={
-        "legs": SelfTest(
-            command="voltage",
-            usual=1.0,
-            largest=2.0,
-            measures="extension",
-            gain=LinearActuatorParams().gain,
-            rest={"stop": 0.0},
-        ),
-        "wheels": SelfTest(
-            command="velocity_command",
-            usual=1.0,
-            largest=2.0,
-            measures="position",
-            rest={"brake": 0.0},
-        ),
-    },
-    homings={"legs": LEGS},
     emulated=_emulated,
     cut={
         "legs.voltage": 0.0,
@@ -155,6 +164,8 @@ PLATFORM = Machine(
         "legs.extension",
         "legs.voltage",
     ),
+    variant=_variant,
     exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
     resets=_resets,
+    **_variant(LevellingScenario()),
 )

@@ -2,8 +2,8 @@
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -11,33 +11,42 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Box, Meshcat, SceneGraph
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import (
-    LoadModelDirectives,
-    ModelDirectives,
-    Parser,
-    ProcessModelDirectives,
-)
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import (
+    BodyIndex,
+    FixedOffsetFrame,
+    Frame,
+    PdControllerGains,
+    RevoluteJoint,
+    RigidBody,
+)
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from parapod.diagrams.bodies import (
+    Body,
+    Stretch,
+    fit_link,
+    limit_joints,
+    place_element,
+    place_joints,
+    set_attribute,
+)
 from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
-from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
+from parapod.diagrams.own_models import OwnModel
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.levelling_platform.fault_detection import FaultDetectorParams
+from parapod.systems.core.quoting import quoted
 from parapod.systems.levelling_platform.geometry import (
+    ARM_BASE,
     LEG_COUNT,
+    LegGeometry,
     PlatformGeometry,
-    drawn_deviations,
 )
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
 from parapod.systems.levelling_platform.model import (
-    LIMIT_SWITCHES,
-    MODEL_GEOMETRY,
-    WHEEL_COUNT,
     ParallelLinks,
     PlatformModel,
     PlatformPose,
@@ -46,46 +55,73 @@ from parapod.systems.levelling_platform.model import (
     joint_origins,
     standing_pose,
 )
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
+from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.urdf import configure_parser
 
+# Dimensions to which the files are drawn: Tables 1 and 2, with rollers.
+DRAWN = PlatformGeometry(foot_radius=0.025)
 _FOLDER = "package://parapod/levelling_platform"
-# Looks for faults of this machine's end switches.
-FAULT_DETECTOR = FaultDetectorParams(
-    extended=LIMIT_SWITCHES.extended, retracted=LIMIT_SWITCHES.retracted
-)
+_DRAKE = "{http://drake.mit.edu}"
+_LEG_LINKS = ("hip", "lower_link", "coupler", "roller", "cylinder", "rod")
+# Mass of the drawn roller [kg], and end stop of the drawn rod [m].
+_ROLLER, _STOP = 0.5, 0.38
+# Damping of a rod by its stiffness [s], and stiffness of the reduced leg's crank by that of the
+# rod of the drawn leg [m^2].
+_ROD_DAMPING, _CRANK = 0.01, 5e-3
+# Distance of an extension from those of a flat parallelogram, by the drawn short side [m]; least
+# factor of a drawn part [-]; distance of axes that meet [m].
+_FLAT, _LEAST, _ASIDE = 1e-3, 0.1, 1e-3
+_LEG_FILES = {"full": "leg.urdf", "reduced": "leg_reduced.urdf"}
+ARM_JOINTS = ("turntable", "arm")
+# Length of the drawn arm [m]; damping of its drives by their stiffness [s].
+_ARM_LENGTH, _ARM_DAMPING = 2.02, 0.05
 # Gains of the wheels' position servos [N m/rad, N m s/rad] (assumption).
 _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 
-
-# Pads of uneven ground: side [m], where the feet stand in the middle of the stroke, colour.
-_PAD_SIZE, _FEET_AT = 0.3, 0.405
+# Pads of uneven ground: side by the length of a leg's long side [-], and colour.
+_PAD_SIZE = 0.3 / 0.44
 _PAD_COLOUR = np.array([0.45, 0.42, 0.38, 1.0])
 
 
-def geometry_as_built(scenario: LevellingScenario) -> PlatformGeometry:
-    """Geometry of the scenario's machine: the drawing, and errors drawn from the seed."""
-    length, angle = scenario.plant.length_error_mm, scenario.plant.angle_error_deg
-    if not (length or angle):
-        return MODEL_GEOMETRY
-    # A stream of its own: errors do not change what else is drawn from the seed.
-    random = np.random.default_rng((scenario.seed, 1))
-    deviations = drawn_deviations(random, 1e-3 * length, math.radians(angle))
-    return replace(MODEL_GEOMETRY, deviations=deviations)
+@dataclass(frozen=True)
+class PlatformStructure:
+    """A platform's parts beside the dimensions of its legs; the defaults are as drawn.
 
-
-def geometry_as_known(control: ControlScenario) -> PlatformGeometry:
-    """Geometry that the controller reckons with: the drawing, or the legs as identified.
-
-    Raises:
-        ScenarioError: deviations of some legs only.
+    Attributes:
+        stretch: factors by which the base is larger than the drawn one.
+        wheels: its wheels.
+        arm_base: base of its arm, from F [m].
+        arm_length: length of the drawn arm [m].
+        arm_stiffness: stiffness of the arm's drives [N m/rad].
+        stops: end stops of the actuators [m].
+        rod_stiffness: axial stiffness of an actuator's rod [N/m].
+        roll_damping: damping of a roller's bearing [N m s/rad]; None: the drawn one's, by mass and
+            size.
+        base: base of the user's own.
+        arm: arm of the user's own.
+        bodies: masses of its links by their names; those of others are as drawn, by volume.
     """
-    if not control.leg_deviations:
-        return MODEL_GEOMETRY
-    count, key = len(control.leg_deviations), "control.leg_deviations"
-    if count != LEG_COUNT:
-        raise ScenarioError(f"{key} must have {LEG_COUNT} elements or none, not {count}", key)
-    deviations = tuple(leg.deviation for leg in control.leg_deviations)
-    return replace(MODEL_GEOMETRY, deviations=deviations)
+
+    stretch: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    wheels: WheelGeometry = WheelGeometry()  # noqa: RUF009
+    arm_base: tuple[float, float, float] = ARM_BASE
+    arm_length: float = 2.02
+    arm_stiffness: float = 2e4
+    stops: tuple[float, float] = (0.38, 0.46)
+    rod_stiffness: float = 1e8
+    roll_damping: float | None = None
+    base: OwnModel = OwnModel("machine.base.urdf")  # noqa: RUF009
+    arm: OwnModel = OwnModel("machine.arm.urdf")  # noqa: RUF009
+    bodies: tuple[tuple[str, Body], ...] = ()
+
+    @property
+    def links(self) -> dict[str, Body]:
+        """Its links by their names."""
+        return dict(self.bodies)
+
+
+DRAWN_PARTS = PlatformStructure()
 
 
 def add_platform(
@@ -93,8 +129,9 @@ def add_platform(
     leg_model: str = "full",
     wheels: str = "braked",
     ground: tuple[float, float] = (0.0, 0.0),
-    geometry: PlatformGeometry = MODEL_GEOMETRY,
+    geometry: PlatformGeometry = DRAWN,
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
+    structure: PlatformStructure = DRAWN_PARTS,
 ) -> PlatformModel:
     """Adds platform and ground to a plant that is part of a diagram, and finalizes it.
 
@@ -106,75 +143,373 @@ def add_platform(
         geometry: dimensions of the legs as built.
         foot_offsets: heights under the feet above the ground's plane [m]; if any is not zero,
             each foot gets a pad to stand on.
+        structure: its other parts.
+
+    Raises:
+        ValueError: another `leg_model` than those.
+        ScenarioError: a file of a part of one's own that does not do.
     """
+    if leg_model not in _LEG_FILES:
+        raise ValueError(f"leg_model: {leg_model!r} is none of {', '.join(_LEG_FILES)}")
     parser = Parser(plant)
     configure_parser(parser)
-    _add_machine(parser, leg_model, geometry)
-    for i in range(1, WHEEL_COUNT + 1):
-        axle = plant.GetFrameByName(f"axle_{i}")
-        wheel = plant.GetFrameByName("wheel", plant.GetModelInstanceByName(f"wheel_{i}"))
+    base = _add_base(parser, structure)
+    legs = zip(geometry.legs, geometry.drawn_legs, strict=True)
+    for i, (leg, drawn_leg) in enumerate(legs, start=1):
+        mount: Any = plant.AddFrame(FixedOffsetFrame(f"hip_{i}", base, hip_pose(leg)))
+        adapt = functools.partial(fit_leg, leg, drawn_leg, structure, leg_model)
+        file = f"{_FOLDER}/{_LEG_FILES[leg_model]}"
+        instance = add_adapted_model(parser, file, f"leg_{i}", adapt)
+        plant.WeldFrames(mount, plant.GetFrameByName("hip", instance))
+    axles = _add_wheels(parser, base, structure)
+    _add_arm(parser, base, structure)
+    _fix_wheels(plant, axles, wheels)
+    slab = add_ground(parser)
+    X_WG = ground_pose(ground, foot_offsets)
+    ground_mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
+    plant.WeldFrames(ground_mount, plant.GetFrameByName("ground", slab))
+    if any(foot_offsets):
+        _add_pads(plant, plant.GetBodyByName("ground", slab), geometry, foot_offsets)
+    plant.Finalize()
+    return PlatformModel(plant, ground_mount, geometry)
+
+
+def _add_base(parser: Parser, structure: PlatformStructure) -> Frame:
+    """The drawn base; or an empty one that bears the user's own."""
+    plant, own = parser.plant(), structure.base
+
+    def fit(root: Element) -> None:
+        fit_link(root, "base", structure.stretch, structure.links.get("base"))
+        if own.urdf:
+            _empty(root, "base")
+
+    instance = add_adapted_model(parser, f"{_FOLDER}/base.urdf", "base", fit)
+    base = plant.GetFrameByName("base", instance)
+    if own.urdf:
+        _, frame, _ = own.add(plant, "own_base")
+        plant.WeldFrames(base, frame)
+    return base
+
+
+def _empty(root: Element, name: str) -> None:
+    """Takes shapes and mass from a link."""
+    link = root.find(f"link[@name='{name}']")
+    assert link is not None
+    for element in [*link.findall("visual"), *link.findall("collision")]:
+        link.remove(element)
+    inertial = link.find("inertial")
+    assert inertial is not None
+    link.remove(inertial)
+
+
+def _add_wheels(
+    parser: Parser, base: Frame, structure: PlatformStructure
+) -> list[tuple[Frame, Frame]]:
+    """The wheels, which are not fixed yet: frames of their axles and of themselves."""
+    plant, geometry = parser.plant(), structure.wheels
+    size = geometry.radius / WheelGeometry().radius
+
+    def fit(root: Element) -> None:
+        fit_link(root, "wheel", (size, size, size), structure.links.get("wheel"))
+
+    pairs = []
+    for i, place in enumerate(geometry.axles, start=1):
+        X_FA = RigidTransform(np.array(place))
+        axle: Any = plant.AddFrame(FixedOffsetFrame(f"axle_{i}", base, X_FA))
+        instance = add_adapted_model(parser, f"{_FOLDER}/wheel.urdf", f"wheel_{i}", fit)
+        pairs.append((axle, plant.GetFrameByName("wheel", instance)))
+    return pairs
+
+
+def _fix_wheels(plant: MultibodyPlant, pairs: Sequence[tuple[Frame, Frame]], wheels: str) -> None:
+    for i, (axle, wheel) in enumerate(pairs, start=1):
         if wheels == "braked":
             plant.WeldFrames(axle, wheel)
         else:
             turn = plant.AddJoint(RevoluteJoint(f"wheel_{i}", axle, wheel, np.array([0, 1.0, 0])))
             plant.AddJointActuator(f"wheel_{i}", turn).set_controller_gains(_WHEEL_GAINS)
-    slab = add_ground(parser)
-    X_WG = ground_pose(ground, foot_offsets)
-    mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
-    plant.WeldFrames(mount, plant.GetFrameByName("ground", slab))
-    if any(foot_offsets):
-        _add_pads(plant, plant.GetBodyByName("ground", slab), foot_offsets)
-    plant.Finalize()
-    return PlatformModel(plant, mount, geometry)
 
 
-def _add_machine(parser: Parser, leg_model: str, geometry: PlatformGeometry) -> None:
-    """Adds base, legs, arm and wheels; hips and legs as the geometry has them."""
-    url = f"{_FOLDER}/platform_{leg_model}.dmd.yaml"
-    if geometry == MODEL_GEOMETRY:
-        parser.AddModels(url=url)
+def _add_arm(parser: Parser, base: Frame, structure: PlatformStructure) -> None:
+    """The drawn arm, or the user's own."""
+    plant, own = parser.plant(), structure.arm
+    X_FB = RigidTransform(np.array(structure.arm_base))
+    mount: Any = plant.AddFrame(FixedOffsetFrame("arm_mount", base, X_FB))
+    stiffness = structure.arm_stiffness
+    gains = PdControllerGains(p=stiffness, d=_ARM_DAMPING * stiffness)
+    if own.urdf:
+        instance, frame, joints = own.add(plant, "arm")
+        plant.WeldFrames(mount, frame)
+        there = {
+            int(actuator.joint().index()): actuator
+            for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices(instance))
+        }
+        for joint in joints:
+            actuator = there.get(int(joint.index()))
+            if actuator is None:
+                actuator = plant.AddJointActuator(joint.name(), joint)
+            actuator.set_controller_gains(gains)
         return
-    directives = LoadModelDirectives(parser.package_map().ResolveUrl(url)).directives
-    of_legs = [k for k, directive in enumerate(directives) if _is_of_leg(directive)]
-    before, after = directives[: of_legs[0]], directives[of_legs[-1] + 1 :]
-    files = [model.file for k in of_legs if (model := directives[k].add_model) is not None]
-    ProcessModelDirectives(ModelDirectives(directives=before), parser)
-    plant = parser.plant()
-    base = plant.GetFrameByName("base")
-    legs = zip(geometry.legs, MODEL_GEOMETRY.legs, files, strict=True)
-    for i, (leg, nominal_leg, file) in enumerate(legs, start=1):
-        mount: Any = plant.AddFrame(FixedOffsetFrame(f"hip_{i}", base, hip_pose(leg)))
-        adapt = functools.partial(_move_joints, joint_origins(leg, nominal_leg, leg_model))
-        instance = add_adapted_model(parser, file, f"leg_{i}", adapt)
-        plant.WeldFrames(mount, plant.GetFrameByName("hip", instance))
-    ProcessModelDirectives(ModelDirectives(directives=after), parser)
+    tall = structure.arm_base[2] / ARM_BASE[2]
+    size = (tall, tall, tall) if tall > 0.0 else (1.0, 1.0, 1.0)
+    long = structure.arm_length / _ARM_LENGTH
+    stretches = {"mount": size, "turntable": size, "link": (1.0, 1.0, long)}
+
+    def fit(root: Element) -> None:
+        for name, stretch in stretches.items():
+            fit_link(root, name, stretch, structure.links.get(name))
+
+    instance = add_adapted_model(parser, f"{_FOLDER}/arm.urdf", "arm", fit)
+    for name in ARM_JOINTS:
+        plant.GetJointActuatorByName(name, instance).set_controller_gains(gains)
+    plant.WeldFrames(mount, plant.GetFrameByName("mount", instance))
 
 
-def _is_of_leg(directive: Any) -> bool:
-    """Whether a directive adds a leg, its mount, or the weld between both."""
-    named = directive.add_model or directive.add_frame
-    name = named.name if named else directive.add_weld.parent
-    return str(name).startswith(("hip_", "leg_"))
+def fit_leg(
+    leg: LegGeometry,
+    drawn_leg: LegGeometry,
+    structure: PlatformStructure,
+    leg_model: str,
+    root: Element,
+) -> None:
+    """Gives the model of a leg the dimensions of a platform's.
+
+    Args:
+        leg: the leg as built.
+        drawn_leg: the leg without its deviations.
+        structure: the platform.
+        leg_model: "full" or "reduced".
+        root: the file's `robot` element.
+    """
+    paper, links = DRAWN.legs[0], structure.links
+    size = leg.foot_radius / paper.foot_radius
+    roller = links.get("roller")
+    fit_link(root, "roller", (size, size, size), roller)
+    damping = structure.roll_damping
+    if damping is None:
+        damping = size**2 * (1.0 if roller is None else roller.mass / _ROLLER)
+    set_attribute(root, "joint[@name='roll']/dynamics", "damping", damping)
+    if leg_model == "full":
+        _fit_full(drawn_leg, structure, root)
+        stiffness = structure.rod_stiffness
+    else:
+        _fit_reduced(drawn_leg, structure, root)
+        stiffness = _CRANK * structure.rod_stiffness * (drawn_leg.l_3 / paper.l_3) ** 2
+    for name, value in (("p", stiffness), ("d", _ROD_DAMPING * stiffness)):
+        set_attribute(root, f".//{_DRAKE}controller_gains", name, value)
+    place_joints(root, joint_origins(leg, drawn_leg, leg_model))
 
 
-def _move_joints(origins: Mapping[str, Sequence[float]], root: Element) -> None:
-    """Gives joints of a URDF model other origins [m]."""
-    for joint, origin in origins.items():
-        element = root.find(f"joint[@name='{joint}']/origin")
-        assert element is not None
-        element.set("xyz", " ".join(map(repr, origin)))
+def _fit_full(leg: LegGeometry, structure: PlatformStructure, root: Element) -> None:
+    paper, links = DRAWN.legs[0], structure.links
+    short, long = leg.l_3 / paper.l_3, leg.l_4 / paper.l_4
+    rod = structure.stops[0] / _STOP
+    column = (
+        leg.l_6 / paper.l_6,
+        (leg.l_6 * leg.e_a[1] + leg.l_7) / (paper.l_6 * paper.e_a[1] + paper.l_7),
+    )
+    stretches: dict[str, Stretch] = {
+        "hip": (short, short, short),
+        "lower_link": (long, short, short),
+        "coupler": (column[0], short, max(column[1], _LEAST)),
+        "cylinder": (rod, short, short),
+        "rod": (rod, short, short),
+    }
+    for name, stretch in stretches.items():
+        fit_link(root, name, stretch, links.get(name))
+    if leg != paper:
+        _draw_inclined(leg, short, root)
+    p_MK = leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]
+    ball = root.find(f"{_DRAKE}ball_constraint/{_DRAKE}ball_constraint_p_BQ")
+    assert ball is not None
+    place_element(ball, "value", p_MK)
+    limits = abs(leg.l_4 - leg.l_3) + _FLAT * short, leg.l_4 + leg.l_3 - _FLAT * short
+    limit_joints(root, {"extension": {"lower": limits[0], "upper": limits[1]}})
 
 
-def _add_pads(plant: MultibodyPlant, ground: RigidBody, foot_offsets: Sequence[float]) -> None:
+def _draw_inclined(leg: LegGeometry, size: float, root: Element) -> None:
+    """Draws the hip's and the coupler's parts along the parallelogram's short side."""
+    e, lean = np.array([leg.e_a[0], 0.0, leg.e_a[1]]), (0.0, 0.5 * math.pi - leg.alpha, 0.0)
+    up = np.array([0.0, 0.0, 1.0])
+    corner, foot = -leg.l_6 * e, leg.l_7 - leg.foot_radius
+    places = {
+        "hip": (0.0 * e, leg.l_3 * e, 0.4375 * leg.l_3 * e),
+        "coupler": (
+            0.5 * (leg.l_3 - leg.l_6) * e,
+            corner,
+            corner - 0.5 * foot * up,
+            corner - (foot - 0.012 * size) * up,
+        ),
+    }
+    for name, centres in places.items():
+        visuals = root.findall(f"link[@name='{name}']/visual")
+        for visual, centre in zip(visuals, centres, strict=True):
+            origin = visual.find("origin")
+            assert origin is not None
+            place_element(origin, "xyz", centre)
+    bar, _, column, _ = root.findall("link[@name='coupler']/visual")
+    bar_origin = bar.find("origin")
+    assert bar_origin is not None
+    place_element(bar_origin, "rpy", lean)
+    for visual, length in ((bar, leg.l_3 + leg.l_6), (column, foot)):
+        cylinder = visual.find("geometry/cylinder")
+        assert cylinder is not None
+        cylinder.set("length", repr(length))
+
+
+def _fit_reduced(leg: LegGeometry, structure: PlatformStructure, root: Element) -> None:
+    """Gives the reduced leg the masses that move its centre as the full leg's moves."""
+    own, usual = (
+        _shared_masses(each, of) for each, of in ((leg, structure), (DRAWN.legs[0], DRAWN_PARTS))
+    )
+    for name in ("hip", "crank"):
+        link = root.find(f"link[@name='{name}']/inertial")
+        assert link is not None
+        mass, place = link.find("mass"), link.find("origin")
+        assert mass is not None
+        assert place is not None
+        drawn_mass = float(mass.get("value", "0"))
+        ratio = leg.l_4 / DRAWN.l_4
+        shift = np.array(own[name].centre) - np.array(usual[name].centre)
+        drawn_centre = np.array(place.get("xyz", "").split(), dtype=float)
+        body = Body(
+            drawn_mass + (own[name].mass - usual[name].mass),
+            tuple((drawn_centre + shift).tolist()) if shift.any() else None,
+        )
+        fit_link(root, name, (ratio, ratio, ratio), body)
+
+
+@functools.lru_cache(maxsize=64)
+def _shared_masses(leg: LegGeometry, structure: PlatformStructure) -> dict[str, Body]:
+    """Bodies of hip and crank whose centre moves as that of the full leg: least squares.
+
+    The crank's is at its end; so there are three numbers: its mass, and the hip's first moments.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    configure_parser(parser)
+    adapt = functools.partial(fit_leg, leg, leg, structure, "full")
+    instance = add_adapted_model(parser, f"{_FOLDER}/{_LEG_FILES['full']}", "leg", adapt)
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("hip", instance))
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    names = [name for name in _LEG_LINKS if name != "roller"]
+    parts = [plant.GetBodyByName(name).index() for name in names]
+    pivot = joint_origins(leg, leg, "reduced")["swing"]
+    rows, moments, whole = [], [], 0.0
+    for extension in np.linspace(leg.extension_min, leg.extension_max, 7).tolist():
+        swing = swing_angle(leg, extension)
+        positions = np.zeros(plant.num_positions())
+        for name, value in (
+            ("swing", swing),
+            ("coupler_swing", -swing),
+            ("cylinder_swing", diagonal_angle(leg, extension)),
+            ("extension", extension),
+        ):
+            positions[plant.GetJointByName(name).position_start()] = value
+        plant.SetPositions(context, positions)
+        inertia = plant.CalcSpatialInertia(context, plant.world_frame(), parts)
+        whole = inertia.get_mass()
+        moment = whole * inertia.get_com()
+        end = np.array(pivot) + leg.l_4 * np.array([math.cos(swing), 0.0, math.sin(swing)])
+        rows += [[1.0, 0.0, end[0]], [0.0, 1.0, end[2]]]
+        moments += [moment[0], moment[2]]
+    (first, third, crank), *_ = np.linalg.lstsq(np.array(rows), np.array(moments))
+    hip = whole - crank
+    return {
+        "hip": Body(float(hip), (float(first / hip), 0.0, float(third / hip))),
+        "crank": Body(float(crank), (leg.l_4, 0.0, 0.0)),
+    }
+
+
+@functools.lru_cache(maxsize=16)
+def masses_of(geometry: PlatformGeometry, structure: PlatformStructure) -> KinematicPlatformParams:
+    """Masses of a platform, as the plant that is built has them.
+
+    Args:
+        geometry: dimensions of its legs.
+        structure: its other parts.
+
+    Raises:
+        ScenarioError: see `add_platform`; or an arm whose axes do not meet.
+    """
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1.0)
+    model = add_platform(plant, geometry=geometry, structure=structure)
+    context = plant.CreateDefaultContext()
+    middle = np.full(LEG_COUNT, 0.5 * (geometry.extension_min + geometry.extension_max))
+    upright = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    plant.SetPositions(context, model.positions_at(middle, upright, (0.0, 0.0)))
+    turn, swing = (
+        joint
+        for joint in map(plant.get_joint, plant.GetJointIndices(model.arm))
+        if joint.num_velocities()
+    )
+    base = model.base.body_frame()
+    X_FT, X_FS = (
+        plant.CalcRelativeTransform(context, base, joint.frame_on_child())
+        for joint in (turn, swing)
+    )
+    _check_axes(structure.arm, turn, swing, X_FT, X_FS)
+    moved = set(map(int, plant.GetBodiesKinematicallyAffectedBy([swing.index()])))
+    ground = int(plant.GetBodyByName("ground").index())
+    others = [BodyIndex(i) for i in range(1, plant.num_bodies()) if i not in moved and i != ground]
+    platform = plant.CalcSpatialInertia(context, base, others)
+    arm = plant.CalcSpatialInertia(
+        context, swing.frame_on_child(), [BodyIndex(i) for i in sorted(moved)]
+    )
+    centre = arm.get_com()
+    across = arm.Shift(centre).CalcRotationalInertia().get_moments()
+    return KinematicPlatformParams(
+        mass=platform.get_mass(),
+        centre_of_mass=tuple(platform.get_com().tolist()),
+        arm_mass=arm.get_mass(),
+        arm_base=tuple(X_FS.translation().tolist()),
+        arm_centre=float(centre[2]),
+        arm_inertia=float(max(across[:2])),
+    )
+
+
+def _check_axes(
+    own: OwnModel, turn: Any, swing: Any, X_FT: RigidTransform, X_FS: RigidTransform
+) -> None:
+    """Refuses an arm whose turntable does not turn about z, or that does not swing about y."""
+    group = own.key.rpartition(".")[0]
+    for joint, X_F, axis in ((turn, X_FT, (0.0, 0.0, 1.0)), (swing, X_FS, (0.0, 1.0, 0.0))):
+        there = X_F.rotation().matrix() @ joint.revolute_axis()
+        if not np.allclose(there, axis, atol=1e-6):
+            words = "z" if joint is turn else "y"
+            raise ScenarioError(
+                f"{group}.joints: {quoted(joint.name())} of {quoted(own.urdf)} must turn about "
+                f"the platform's {words} axis where the arm is upright",
+                f"{group}.joints",
+            )
+    aside = X_FS.translation() - X_FT.translation()
+    if not np.hypot(*aside[:2]) < _ASIDE:
+        raise ScenarioError(
+            f"{group}.joints: the axes of {quoted(turn.name())} and {quoted(swing.name())} of "
+            f"{quoted(own.urdf)} must meet, and are {1e3 * np.hypot(*aside[:2]):.1f} mm apart",
+            f"{group}.joints",
+        )
+
+
+def _add_pads(
+    plant: MultibodyPlant,
+    ground: RigidBody,
+    geometry: PlatformGeometry,
+    foot_offsets: Sequence[float],
+) -> None:
     """Pads around the places of the feet, on a plane that is as low as the lowest of them."""
     lowest = min(0.0, *foot_offsets)
     properties = ground_contact()
-    for i, (leg, offset) in enumerate(zip(MODEL_GEOMETRY.legs, foot_offsets, strict=True)):
+    middle = 0.5 * (geometry.extension_min + geometry.extension_max)
+    for i, (leg, offset) in enumerate(zip(geometry.drawn_legs, foot_offsets, strict=True)):
         height = offset - lowest
         if height == 0.0:
             continue
-        x, y, _ = foot_to_centre(leg, _FEET_AT)
-        pad = Box(_PAD_SIZE, _PAD_SIZE, height)
+        x, y, _ = foot_to_centre(leg, middle)
+        side = _PAD_SIZE * leg.l_4
+        pad = Box(side, side, height)
         X_GP = RigidTransform(np.array([-x, -y, 0.5 * height]))
         plant.RegisterCollisionGeometry(ground, X_GP, pad, f"pad_{i + 1}", properties)
         plant.RegisterVisualGeometry(ground, X_GP, pad, f"pad_{i + 1}_visual", _PAD_COLOUR)
@@ -212,6 +547,8 @@ def add_drawing(
     base_pose: OutputPort,
     arm_position: OutputPort,
     *,
+    geometry: PlatformGeometry,
+    structure: PlatformStructure,
     path: str = "platform",
 ) -> None:
     """Adds a drawing of the full model for a plant that is simulated with fewer joints or none.
@@ -223,12 +560,14 @@ def add_drawing(
         extension: extensions (4) [m].
         base_pose: quaternion and position (7) of the platform.
         arm_position: turntable and arm angle (2) [rad].
+        geometry: dimensions of its legs.
+        structure: its other parts.
         path: its path in the scene.
     """
     plant = MultibodyPlant(time_step=1.0)
     scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_platform(plant, "full", ground=ground)
+    model = add_platform(plant, "full", ground=ground, geometry=geometry, structure=structure)
     pose = add(builder, PlatformPose(model), f"pose_of_{path}")
     connect(builder, extension, pose.GetInputPort("extension"))
     connect(builder, base_pose, pose.GetInputPort("base_pose"))
@@ -265,7 +604,7 @@ def photograph(
     connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    extension = inverse_kinematics(MODEL_GEOMETRY, posture, ground)
+    extension = inverse_kinematics(DRAWN, posture, ground)
     positions = model.positions_at(extension, standing_pose(posture, ground), arm)
     plant.SetPositions(plant.GetMyMutableContextFromRoot(context), positions)
     return take(scene_graph, context, views)

@@ -8,7 +8,6 @@ from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_platform,
     add_visualization,
-    geometry_as_built,
 )
 from parapod.diagrams.levelling_platform.plants import (
     Drives,
@@ -49,7 +48,7 @@ def _add_mujoco_plant(
 ) -> Plant:
     """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
     plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
-    settings, geometry = scenario.plant, geometry_as_built(scenario)
+    settings, geometry = scenario.plant, scenario.geometry_as_built
     model = add_platform(
         plant,
         settings.leg_model,
@@ -57,6 +56,7 @@ def _add_mujoco_plant(
         beginning.ground,
         geometry,
         beginning.foot_offsets,
+        scenario.machine.structure,
     )
     plant.SetDefaultPositions(beginning.positions(model))
     translated = MujocoModel(

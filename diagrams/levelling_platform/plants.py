@@ -26,7 +26,6 @@ from parapod.diagrams.levelling_platform.model import (
     add_drawing,
     add_platform,
     add_visualization,
-    geometry_as_built,
 )
 from parapod.diagrams.levelling_platform.ports import PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -39,15 +38,12 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeome
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.model import (
-    LIMIT_SWITCHES,
-    MODEL_GEOMETRY,
     WHEEL_COUNT,
     FootTruth,
     LegTransmission,
     PlatformModel,
     PlatformTruth,
 )
-from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.hold import Hold
@@ -113,8 +109,9 @@ def _add_multibody_plant(
         scenario.plant.leg_model,
         scenario.plant.wheels,
         beginning.ground,
-        geometry_as_built(scenario),
+        scenario.geometry_as_built,
         beginning.foot_offsets,
+        scenario.machine.structure,
     )
     plant.SetDefaultPositions(beginning.positions(model))
     connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
@@ -201,7 +198,15 @@ def draw_as_full(
         connect(builder, state, part.get_input_port())
         parts.append(part.get_output_port())
     rods = drives.rods.GetOutputPort("extension")
-    add_drawing(builder, scenario.ground.inclination, meshcat, rods, *parts)
+    add_drawing(
+        builder,
+        scenario.ground.inclination,
+        meshcat,
+        rods,
+        *parts,
+        geometry=scenario.machine.geometry,
+        structure=scenario.machine.structure,
+    )
 
 
 def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
@@ -288,8 +293,9 @@ def _add_kinematic_plant(
 ) -> Plant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
     statics = KinematicPlatform(
-        geometry_as_built(scenario),
-        wheels=WheelGeometry(),
+        scenario.geometry_as_built,
+        scenario.machine.masses,
+        scenario.machine.wheel_geometry,
         ground=beginning.ground,
         foot_offsets=beginning.foot_offsets,
     )
@@ -325,6 +331,8 @@ def _add_kinematic_plant(
         drives.rods.GetOutputPort("extension"),
         platform.GetOutputPort("base_pose"),
         drives.arm_angles,
+        geometry=scenario.machine.geometry,
+        structure=scenario.machine.structure,
     )
     return plant
 
@@ -379,9 +387,6 @@ class Simulation:
         self.plant.put(root_context, beginning)
 
 
-# Without lag and counts; as fast as the real ones.
-_EXACT_WHEELS = VelocityServoParams(0.0, 1e-9, WHEEL_DRIVE.max_velocity)
-
 type PlantMaker = Callable[
     [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], Plant
 ]
@@ -403,16 +408,18 @@ def add_simulated(
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    geometry, period = geometry_as_built(scenario), scenario.control.period
+    geometry, period = scenario.geometry_as_built, scenario.control.period
     beginning = Beginning.from_scenario(scenario, geometry)
     rods = LinearActuator(
-        scenario.actuators.params,
+        scenario.machine.actuators.params,
         time_step=time_step,
         extension=beginning.extension,
         gain_scale=beginning.gain_scale,
     )
     actuators = add(builder, rods)
-    wheels = add(builder, VelocityServo(WHEEL_DRIVE, WHEEL_COUNT, period), "wheel_drive")
+    wheels = add(
+        builder, VelocityServo(scenario.machine.wheels.drive, WHEEL_COUNT, period), "wheel_drive"
+    )
     arm = add(builder, Multiplexer(2), "arm_command")
     drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
     connect(builder, arm.get_output_port(), drive.get_input_port())
@@ -470,7 +477,7 @@ def _add_sensors(
     plant: Plant,
 ) -> tuple[dict[str, OutputPort], Imu, NoiseSource]:
     """Encoders, limit switches, inertial sensor and device status, by the names of the ports."""
-    sensors, period = scenario.sensors, scenario.control.period
+    sensors, period = scenario.machine.sensors, scenario.control.period
     outputs: dict[str, OutputPort] = {}
     resolution = 1e-3 * sensors.encoder_resolution_mm
     encoder = add(builder, Encoder(resolution=resolution, gate_time=period))
@@ -479,7 +486,7 @@ def _add_sensors(
     outputs["legs.extension"] = encoder.GetOutputPort("position_measured")
     outputs["legs.velocity"] = encoder.GetOutputPort("velocity_measured")
 
-    switches = add(builder, LimitSwitches(params=LIMIT_SWITCHES))
+    switches = add(builder, LimitSwitches(params=scenario.machine.actuators.switches))
     connect(builder, actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
     connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
     outputs["legs.limits"] = switches.GetOutputPort("limits")
@@ -532,18 +539,20 @@ def add_mock(
         meshcat: not used; there is nothing to draw.
     """
     period = scenario.control.period
-    params = replace(scenario.actuators.params, model="integrator", coulomb_friction=0.0)
+    params = replace(scenario.machine.actuators.params, model="integrator", coulomb_friction=0.0)
     start = _mock_extension(scenario)
     actuators = add(builder, LinearActuator(params, time_step=period, extension=start))
-    wheels = add(builder, VelocityServo(_EXACT_WHEELS, WHEEL_COUNT, period), "wheel_drive")
+    # Without lag and counts; as fast as the real ones.
+    exact = VelocityServoParams(0.0, 1e-9, scenario.machine.wheels.drive.max_velocity)
+    wheels = add(builder, VelocityServo(exact, WHEEL_COUNT, period), "wheel_drive")
     inputs = _drive_inputs(actuators, wheels)
     for name in ("arm.position_command", "turntable.position_command"):
         inputs[name] = add(builder, PassThrough(1), name).get_input_port()  # leads nowhere
 
-    switches = add(builder, LimitSwitches(params=LIMIT_SWITCHES))
+    switches = add(builder, LimitSwitches(params=scenario.machine.actuators.switches))
     extension = actuators.GetOutputPort("extension")
     connect(builder, extension, switches.GetInputPort("extension"))
-    platform = add(builder, KinematicPlatform(MODEL_GEOMETRY))
+    platform = add(builder, KinematicPlatform(scenario.machine.geometry, scenario.machine.masses))
     for name in ("extension", "velocity"):
         connect(builder, actuators.GetOutputPort(name), platform.GetInputPort(name))
     force = platform.GetOutputPort("contact_force")
@@ -569,4 +578,4 @@ def add_mock(
 
 
 def _mock_extension(scenario: LevellingScenario) -> float:
-    return 1e-3 * scenario.job.initial_extension_mm
+    return scenario.initial_extension

@@ -1,7 +1,7 @@
 """Typed scenario of the levelling platform; keys are explained in the YAML files too."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,23 @@ from parapod.diagrams.drivers.ni_daq import NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.faults import FaultScenario, targets_of
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
-from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
-from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegDeviation
+from parapod.systems.levelling_platform.geometry import (
+    LEG_COUNT,
+    LegDeviation,
+    PlatformGeometry,
+    drawn_deviations,
+)
 
 BODIES = ("multibody", "mujoco")  # backends of rigid bodies, each by an engine of its own
 SIMULATED = ("multibody", "kinematic", "mujoco")
 BACKENDS = (*SIMULATED, "mock", "hardware")
+# Pole of the position controllers by that of an actuator [-]; supply by the largest command [-].
+_POLE, _RESERVE = 0.1, 1.2
 
 
 @dataclass
@@ -28,7 +36,7 @@ class GroundScenario(Schema):
 
     Attributes:
         roll_deg: roll of the ground [deg].
-        pitch_deg: pitch of the ground [deg]; the legs' stroke of 30 mm levels about 5 deg.
+        pitch_deg: pitch of the ground [deg]; the paper's stroke of 30 mm levels about 5 deg.
         foot_heights_mm: height of the ground under each foot above the ground's plane [mm].
     """
 
@@ -72,55 +80,6 @@ class PlantScenario(Schema):
     length_error_mm: float = quantity(0.0, 0.0, 5.0)
     angle_error_deg: float = quantity(0.0, 0.0, 2.0)
     contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))
-
-
-@dataclass
-class ActuatorScenario(Schema):
-    """The four linear actuators.
-
-    Attributes:
-        model: law of their motion: "dynamic" is Eq. (15), "integrator" Eq. (17).
-        gain_error: largest error of each actuator's gain as a share of it, drawn from the seed
-            [-].
-        coulomb_friction: Coulomb friction of an actuator [N].
-        supply_voltage: voltage at which the motors saturate [V].
-    """
-
-    model: str = choice("dynamic", ("dynamic", "integrator"))
-    gain_error: float = quantity(0.15, 0.0, 0.5)
-    coulomb_friction: float = quantity(1000.0, 0.0, 20000.0)
-    supply_voltage: float = quantity(12.0, 1.0, 48.0)
-
-    @property
-    def params(self) -> LinearActuatorParams:
-        """Parameters of an actuator with the nominal gain."""
-        return LinearActuatorParams(
-            model=self.model,  # type: ignore[arg-type]
-            coulomb_friction=self.coulomb_friction,
-            supply_voltage=self.supply_voltage,
-        )
-
-
-@dataclass
-class SensorScenario(Schema):
-    """Encoders and inertial sensor.
-
-    Attributes:
-        encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
-        imu_noise: noise, bias instability and quantisation of the ADIS16448.
-        accel_bias_mg: accelerometer bias left after calibration, of this size on each axis with a
-            sign drawn from the seed [mg]; 1 mg tilts by 0.06 deg.
-        gyro_bias_deg_s: turn-on bias of the gyro, of this size on each axis with a sign drawn from
-            the seed [deg/s].
-        imu_delay_ms: age of the inertial sensor's samples when they are shown, in whole samples of
-            9.77 ms [ms].
-    """
-
-    encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
-    imu_noise: bool = True
-    accel_bias_mg: float = quantity(1.0, 0.0, 50.0)
-    gyro_bias_deg_s: float = quantity(0.5, 0.0, 5.0)
-    imu_delay_ms: float = quantity(0.0, 0.0, 200.0)
 
 
 @dataclass
@@ -168,16 +127,16 @@ class ControlScenario(Schema):
 
     Attributes:
         period: period of all controllers and estimators [s].
-        pole: p of the position controllers, Eq. (21) [rad/s].
-        voltage_limit: largest voltage that is commanded [V].
+        pole: p of the position controllers, Eq. (21) [rad/s]; null: a tenth of the actuators' own.
+        voltage_limit: largest voltage that is commanded [V]; null: 5/6 of the supply's.
         rate_feedforward: share of the desired rate that is fed forward to the voltages [-].
         friction_feedforward: voltages against friction and the platform's weight, for a leg that
-            extends and for one that retracts [V, V].
+            extends and for one that retracts [V, V]; null: those of the machine as it is set.
         feedforward: law of the legs' feedforward: "exact" is inverse kinematics, "differential"
             the paper's Eq. (26).
         outer_loop: correction of the inclination by the estimated attitude.
         outer_loop_gain: integral gain of that correction [1/s].
-        actuator_gains: K of each actuator [(m/s)/V].
+        actuator_gains: K of each actuator [(m/s)/V]; null: that of `machine.actuators`.
         encoder_offsets_mm: lengths that are added to what each actuator's encoder measures [mm].
         inclination_bias_deg: errors of the inertial sensor's roll and pitch, which are subtracted
             [deg, deg].
@@ -185,22 +144,17 @@ class ControlScenario(Schema):
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
-    pole: float = quantity(10.0, 0.5, 50.0)
-    voltage_limit: float = quantity(10.0, 0.5, 48.0)
+    pole: float | None = quantity(None, 0.5, 500.0)
+    voltage_limit: float | None = quantity(None, 0.5, 1000.0)
     rate_feedforward: float = quantity(1.0, 0.0, 1.5)
-    friction_feedforward: list[float] = quantity([0.05, 0.12], 0.0, 10.0, length=2)
+    friction_feedforward: list[float] | None = quantity(None, 0.0, 100.0, length=2)
     feedforward: str = choice("exact", ("exact", "differential"))
     outer_loop: bool = False
     outer_loop_gain: float = quantity(1.0, 0.0, 5.0)
-    actuator_gains: list[float] = quantity([0.01] * LEG_COUNT, 0.002, 0.05, length=LEG_COUNT)
+    actuator_gains: list[float] | None = quantity(None, 1e-5, 10.0, length=LEG_COUNT)
     encoder_offsets_mm: list[float] = quantity([0.0] * LEG_COUNT, -20.0, 20.0, length=LEG_COUNT)
     inclination_bias_deg: list[float] = quantity([0.0] * 2, -5.0, 5.0, length=2)
     leg_deviations: list[LegDeviationScenario] = field(default_factory=list)
-
-    @property
-    def gain_share(self) -> tuple[float, ...]:
-        """Gains of the actuators (4) by the nominal one [-]."""
-        return tuple(gain / LinearActuatorParams().gain for gain in self.actuator_gains)
 
     @property
     def encoder_offsets(self) -> NDArray[np.float64]:
@@ -227,7 +181,7 @@ class WaypointScenario(Schema):
     time: float = quantity(0.0, 0.0, 3600.0)
     roll_deg: float = quantity(0.0, -10.0, 10.0)
     pitch_deg: float = quantity(0.0, -10.0, 10.0)
-    height_mm: float = quantity(0.0, -100.0, 100.0)
+    height_mm: float = quantity(0.0, -10_000.0, 10_000.0)
 
 
 @dataclass
@@ -255,11 +209,11 @@ class JobScenario(Schema):
         start_x_m: distance on wheels from those places, along the platform's x axis (multibody
             backend) [m].
         initial_extension_mm: extension of legs 1 to 3 on feet [mm]; leg 4 is lowered until its
-            foot touches, which on a plane makes it equal.
+            foot touches, which on a plane makes it equal; null: two thirds of the stroke.
         estimate_at: time at which the ground is estimated and the levelling begins [s]; until then
             the attitude filter settles, and later if that takes longer.
-        height_mm: height of the level posture above the ground's plane [mm]; 477 is the middle of
-            what the stroke allows.
+        height_mm: height of the level posture above the ground's plane [mm]; null: about the
+            middle of what the stroke allows.
         settled_after: time at which the level posture is taken [s]; errors count from here on.
         waypoints: postures that follow, shrunk together where the stroke is too short.
         arm: see `ArmScenario`.
@@ -268,9 +222,9 @@ class JobScenario(Schema):
 
     start: str = choice("feet", ("feet", "wheels"))
     start_x_m: float = quantity(0.0, -100.0, 100.0)
-    initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
+    initial_extension_mm: float | None = quantity(None, 0.1, 20_000.0)
     estimate_at: float = quantity(3.0, 0.5, 60.0)
-    height_mm: float = quantity(477.0, 380.0, 580.0)
+    height_mm: float | None = quantity(None, 0.0, 20_000.0)
     settled_after: float = quantity(6.0, 0.5, 600.0)
     waypoints: list[WaypointScenario] = field(default_factory=list)
     arm: ArmScenario = field(default_factory=ArmScenario)
@@ -321,23 +275,86 @@ class LevellingScenario(Schema):
             "kinematic" (quasi-static), "mujoco" (rigid bodies of another engine), "mock"
             (commands are mirrored) or "hardware" (devices).
         seed: seed of everything random: gains, biases, noise.
+        machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
         ground: see `GroundScenario`.
         plant: see `PlantScenario`.
-        actuators: see `ActuatorScenario`.
-        sensors: see `SensorScenario`.
         control: see `ControlScenario`.
         job: see `JobScenario`.
         faults: faults of the machine's signals; see `PlatformFault`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
+    moved = {  # noqa: RUF012
+        name: f"machine.{name}" for name in ("actuators", "sensors")
+    }
+
     backend: str = choice("multibody", BACKENDS)
     seed: int = quantity(0, 0, 2**31 - 1)
+    machine: PlatformDesign = field(default_factory=PlatformDesign)
     ground: GroundScenario = field(default_factory=GroundScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
-    actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
-    sensors: SensorScenario = field(default_factory=SensorScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
     job: JobScenario = field(default_factory=JobScenario)
     faults: list[PlatformFault] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
+
+    @property
+    def geometry_as_built(self) -> PlatformGeometry:
+        """Dimensions of the machine: the drawing, and errors drawn from the seed."""
+        length, angle = self.plant.length_error_mm, self.plant.angle_error_deg
+        geometry = self.machine.geometry
+        if not (length or angle):
+            return geometry
+        # A stream of its own: errors do not change what else is drawn from the seed.
+        random = np.random.default_rng((self.seed, 1))
+        deviations = drawn_deviations(random, 1e-3 * length, math.radians(angle))
+        return replace(geometry, deviations=deviations)
+
+    @property
+    def geometry_as_known(self) -> PlatformGeometry:
+        """Dimensions that the controller reckons with: the drawing, or the legs as identified.
+
+        Raises:
+            ScenarioError: deviations of some legs only.
+        """
+        geometry, legs = self.machine.geometry, self.control.leg_deviations
+        if not legs:
+            return geometry
+        count, key = len(legs), "control.leg_deviations"
+        if count != LEG_COUNT:
+            raise ScenarioError(f"{key} must have {LEG_COUNT} elements or none, not {count}", key)
+        return replace(geometry, deviations=tuple(leg.deviation for leg in legs))
+
+    @property
+    def tuned_control(self) -> ControlScenario:
+        """The controller, with what follows from the machine where a key is null."""
+        control, actuators = self.control, self.machine.actuators
+        pole, limit = control.pole, control.voltage_limit
+        friction, gains = control.friction_feedforward, control.actuator_gains
+        if friction is None:
+            friction = [round(volts, 2) for volts in self.machine.friction_voltages]
+        return replace(
+            control,
+            pole=_POLE / (actuators.time_constant_ms / 1e3) if pole is None else pole,
+            voltage_limit=actuators.supply_voltage / _RESERVE if limit is None else limit,
+            friction_feedforward=friction,
+            actuator_gains=[actuators.gain_m_s_V] * LEG_COUNT if gains is None else gains,
+        )
+
+    @property
+    def gain_share(self) -> tuple[float, ...]:
+        """Gains of the actuators (4), as the controller knows them, by the nominal one [-]."""
+        nominal = self.machine.actuators.params.gain
+        return tuple(gain / nominal for gain in self.tuned_control.actuator_gains or ())
+
+    @property
+    def level_height(self) -> float:
+        """Height of the level posture [m]."""
+        height = self.job.height_mm
+        return self.machine.working_height if height is None else 1e-3 * height
+
+    @property
+    def initial_extension(self) -> float:
+        """Extension of legs 1 to 3 at the beginning on feet [m]."""
+        extension = self.job.initial_extension_mm
+        return self.machine.initial_extension if extension is None else 1e-3 * extension

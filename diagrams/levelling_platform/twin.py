@@ -13,8 +13,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.twin import DESIRED, MEASURED, Twin
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import estimate_ground, forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, standing_pose
-from parapod.systems.levelling_platform.wheels import WheelGeometry
+from parapod.systems.levelling_platform.model import standing_pose
 
 _INPUTS = {"extension": LEG_COUNT, "base_pose": 7, "arm_position": 2}
 _SLAB, _SLAB_PATH = (2.6, 2.2, 0.04), "/measured_ground"  # [m]
@@ -44,12 +43,24 @@ class PlatformTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: LevellingScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
+        self._geometry = scenario.machine.geometry
+        self._on_wheels = scenario.machine.wheel_geometry.standing_height
         for drawing in (MEASURED, DESIRED):
             extension, base_pose, arm = (
                 self.input(f"{drawing}.{name}", size) for name, size in _INPUTS.items()
             )
             path = self.path(drawing)
-            add_drawing(self.builder, (0.0, 0.0), meshcat, extension, base_pose, arm, path=path)
+            add_drawing(
+                self.builder,
+                (0.0, 0.0),
+                meshcat,
+                extension,
+                base_pose,
+                arm,
+                geometry=scenario.machine.geometry,
+                structure=scenario.machine.structure,
+                path=path,
+            )
         self.finish()
         if meshcat is None or self.is_guest:
             return
@@ -62,7 +73,7 @@ class PlatformTwin(Twin):
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""
         extension, attitude = values["legs.extension"], values["attitude_estimated"][:2]
-        ground, height = _standing(values, extension, attitude)
+        ground, height = self._standing(values, extension, attitude)
         if not np.isfinite([*extension, *attitude, *ground]).all():
             return  # nothing is known: the last picture stays
         pose = standing_pose((*attitude, height), ground)
@@ -80,6 +91,22 @@ class PlatformTwin(Twin):
             positions |= dict(zip(names, numbers, strict=True))
         self._publish(positions, time)
         self._dress(ground, time)
+
+    def _standing(
+        self, values: Mapping[str, NDArray[Any]], extension: NDArray[Any], attitude: NDArray[Any]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Roll and pitch (2) of the ground [rad], and height above it, on feet or wheels [m]."""
+        is_known, geometry = _is_ground_known(values), self._geometry
+        offsets = np.zeros(LEG_COUNT)
+        if is_known:
+            ground = values["ground_estimated"]
+            offsets = values.get("foot_offsets_estimated", offsets)
+        else:
+            ground = estimate_ground(geometry, extension, attitude)
+        on_feet = forward_kinematics(geometry, extension, ground, foot_offsets=offsets)[2]
+        if on_feet >= self._on_wheels:
+            return ground, float(on_feet)
+        return ground if is_known else attitude, self._on_wheels
 
     def _dress(self, ground: NDArray[np.float64], time: float) -> None:
         """Slab under the feet; of the drawings it is hidden."""
@@ -103,20 +130,3 @@ def _arm(values: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
 
 def _is_ground_known(values: Mapping[str, NDArray[Any]]) -> bool:
     return "ground_valid" in values and values["ground_valid"][0] > 0.5
-
-
-def _standing(
-    values: Mapping[str, NDArray[Any]], extension: NDArray[Any], attitude: NDArray[Any]
-) -> tuple[NDArray[np.float64], float]:
-    """Roll and pitch (2) of the ground [rad], and height above it [m], on feet or on wheels."""
-    is_known = _is_ground_known(values)
-    on_wheels, offsets = WheelGeometry().standing_height, np.zeros(LEG_COUNT)
-    if is_known:
-        ground = values["ground_estimated"]
-        offsets = values.get("foot_offsets_estimated", offsets)
-    else:
-        ground = estimate_ground(MODEL_GEOMETRY, extension, attitude)
-    on_feet = forward_kinematics(MODEL_GEOMETRY, extension, ground, foot_offsets=offsets)[2]
-    if on_feet >= on_wheels:
-        return ground, float(on_feet)
-    return ground if is_known else attitude, on_wheels

@@ -4,24 +4,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from pydrake.geometry import AddContactMaterial, ProximityProperties, Role, SceneGraph, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
 from pydrake.systems.framework import LeafSystem
 
+from parapod.diagrams.own_models import find_frame, find_joints, parse_model
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import quoted
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams
 from parapod.systems.terrain_simulator.leg import LegModel
 from parapod.systems.terrain_simulator.walk import BenchWalk
-from parapod.urdf import MODELS_DIR, configure_parser
 
 DEFAULT_URDF = "package://parapod/terrain_simulator/leg.urdf"
 # A joint without a limit is taken as one that turns or slides so far [rad or m].
@@ -161,13 +158,21 @@ def add_leg(
         ScenarioError: the file cannot be read, or has no link or joint of a name; names those that
             it has.
     """
-    instance = _parse(plant, leg.urdf)
+    instance = parse_model(plant, leg.urdf, "leg.urdf")
     plant.RenameModelInstance(instance, "leg")
-    frames = {name: _frame(plant, instance, leg, name) for name in ("hip_frame", "foot_frame")}
-    joints = _joints(plant, instance, leg)
-    plant.WeldFrames(hip, frames["hip_frame"])
+    own_hip, foot = (
+        find_frame(plant, instance, getattr(leg, name), f"leg.{name}", leg.urdf)
+        for name in ("hip_frame", "foot_frame")
+    )
+    joints = find_joints(plant, instance, leg.joints, "leg.joints", leg.urdf)
+    if len(leg.posture) != len(leg.joints):
+        raise ScenarioError(
+            f"leg.posture must have {len(leg.joints)} numbers, as leg.joints, "
+            f"not {len(leg.posture)}",
+            "leg.posture",
+        )
+    plant.WeldFrames(hip, own_hip)
     largest = _add_drives(plant, instance, leg, joints)
-    foot = frames["foot_frame"]
     if scene_graph is not None:
         _round_foot(plant, scene_graph, instance, leg, foot)
     return AddedLeg(instance, foot, joints, largest)
@@ -288,95 +293,6 @@ class UrdfLeg:
 def _usual_mass() -> float:
     """Least mass that the foot of the default leg shows [kg]."""
     return make_leg_model(LegDescription()).least_mass
-
-
-def _parse(plant: MultibodyPlant, urdf: str) -> ModelInstanceIndex:
-    parser = Parser(plant)
-    configure_parser(parser)
-    parser.SetAutoRenaming(True)
-    try:
-        if urdf.startswith("package://"):
-            models = parser.AddModels(url=urdf)
-        else:
-            path = Path(urdf)
-            if not path.is_file():
-                raise ScenarioError(
-                    f"leg.urdf = {quoted(urdf)}: there is no such file", "leg.urdf"
-                )
-            _add_packages(parser.package_map(), path)
-            models = parser.AddModels(path)
-    except RuntimeError as error:
-        words = " ".join(str(error).split())
-        raise ScenarioError(
-            f"leg.urdf = {quoted(urdf)} cannot be read: {words}", "leg.urdf"
-        ) from None
-    if len(models) != 1:
-        raise ScenarioError(
-            f"leg.urdf = {quoted(urdf)} must have one model, not {len(models)}", "leg.urdf"
-        )
-    return models[0]
-
-
-def _add_packages(packages: PackageMap, path: Path) -> None:
-    """Adds the ROS packages that a file may refer to: its own, and those of the environment."""
-    files = (folder / "package.xml" for folder in path.resolve().parents)
-    if (own := next(filter(Path.is_file, files), None)) and own.parent != MODELS_DIR.resolve():
-        packages.AddPackageXml(str(own))
-    packages.PopulateFromRosPackagePath()
-
-
-def _frame(
-    plant: MultibodyPlant, instance: ModelInstanceIndex, leg: LegDescription, key: str
-) -> Frame:
-    name = getattr(leg, key)
-    if not plant.HasFrameNamed(name, instance):
-        names = ", ".join(
-            sorted(plant.get_frame(i).name() for i in plant.GetFrameIndices(instance))
-        )
-        raise ScenarioError(
-            f"leg.{key} = {quoted(name)} is not a link of {quoted(leg.urdf)}; there are: {names}",
-            f"leg.{key}",
-        )
-    return plant.GetFrameByName(name, instance)
-
-
-def _joints(
-    plant: MultibodyPlant, instance: ModelInstanceIndex, leg: LegDescription
-) -> tuple[Joint, ...]:
-    there = {
-        joint.name(): joint
-        for joint in map(plant.get_joint, plant.GetJointIndices(instance))
-        if joint.num_velocities() > 0
-    }
-    key = "leg.joints"
-    for name in leg.joints:
-        if name not in there:
-            names = ", ".join(there) or "none"
-            raise ScenarioError(
-                f"{key}: {quoted(name)} is not a moving joint of {quoted(leg.urdf)}; "
-                f"there are: {names}",
-                key,
-            )
-        if there[name].num_velocities() != 1:
-            raise ScenarioError(
-                f"{key}: {quoted(name)} must turn about or slide along one axis", key
-            )
-    for name in there:
-        if name not in leg.joints:
-            raise ScenarioError(
-                f"{key}: {quoted(name)} moves, so it must be among them, or be fixed in "
-                f"{quoted(leg.urdf)}",
-                key,
-            )
-    if len(set(leg.joints)) != len(leg.joints):
-        raise ScenarioError(f"{key} names a joint twice", key)
-    if len(leg.posture) != len(leg.joints):
-        raise ScenarioError(
-            f"leg.posture must have {len(leg.joints)} numbers, as leg.joints, "
-            f"not {len(leg.posture)}",
-            "leg.posture",
-        )
-    return tuple(there[name] for name in leg.joints)
 
 
 def _add_drives(

@@ -34,7 +34,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from parapod.diagrams.levelling_platform.model import geometry_as_built
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.engines import EngineComparison, Floats, Quantity, check_steps
 from parapod.sims.levelling_platform.levelling import LevellingExperiment, check_job
@@ -109,7 +108,7 @@ class CompareEngines(EngineComparison[LevellingScenario], LevellingExperiment):
         neither the forces' sum nor their moments, nearly: the feet stand on a rectangle.
         """
         rods = forward_kinematics(
-            geometry_as_built(scenario),
+            scenario.geometry_as_built,
             signals["truth.extension"],
             scenario.ground.inclination,
             legs=(0, 1, 2),

@@ -28,18 +28,16 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import (
     SIMULATED,
-    ActuatorScenario,
     ControlScenario,
     GroundScenario,
     JobScenario,
     LevellingScenario,
     PlantScenario,
     PlatformFault,
-    SensorScenario,
     emulated_hardware,
 )
 from parapod.sims.lab.experiment import LoopExperiment
@@ -68,8 +66,7 @@ from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
 from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Command, Phase, SupervisorParams
-from parapod.systems.levelling_platform.wheels import WheelGeometry
+from parapod.systems.levelling_platform.supervisor import Command, Phase
 
 type Signals = Mapping[str, NDArray[Any]]
 
@@ -127,7 +124,8 @@ class WorkScenario(Schema):
     Attributes:
         roll_deg: roll of the posture [deg].
         pitch_deg: pitch of the posture [deg].
-        height_mm: height of the posture above the mean of the ground under the feet [mm].
+        height_mm: height of the posture above the mean of the ground under the feet [mm]; null:
+            that of a levelling.
         arm_deg: angle to which the arm swings and from which it comes back [deg].
         turn_deg: angle of the turntable meanwhile [deg].
         hold_s: time at rest before, between and after the arm's moves [s].
@@ -135,15 +133,10 @@ class WorkScenario(Schema):
 
     roll_deg: float = quantity(0.0, -10.0, 10.0)
     pitch_deg: float = quantity(0.0, -10.0, 10.0)
-    height_mm: float = quantity(477.0, 380.0, 580.0)
+    height_mm: float | None = quantity(None, 0.0, 20_000.0)
     arm_deg: float = quantity(45.0, -120.0, 120.0)
     turn_deg: float = quantity(0.0, -360.0, 360.0)
     hold_s: float = quantity(2.0, 0.5, 3600.0)
-
-    @property
-    def posture(self) -> tuple[float, float, float]:
-        """Roll, pitch, height [rad, rad, m]."""
-        return math.radians(self.roll_deg), math.radians(self.pitch_deg), 1e-3 * self.height_mm
 
     @property
     def arm(self) -> tuple[float, float]:
@@ -163,13 +156,14 @@ class DeployScenario(Schema):
         drive: see `DriveScenario`.
         work: see `WorkScenario`.
         plant: see `PlantScenario`; the wheels roll.
-        actuators: see `ActuatorScenario`.
-        sensors: see `SensorScenario`.
+        machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
         control: see `ControlScenario`.
         faults: faults of the machine's signals; see `PlatformFault`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
         longest: time after which an operation that has not come to its end is ended [s].
     """
+
+    moved = {"actuators": "machine.actuators", "sensors": "machine.sensors"}  # noqa: RUF012
 
     backend: str = choice("multibody", (*SIMULATED, "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
@@ -177,28 +171,34 @@ class DeployScenario(Schema):
     drive: DriveScenario = field(default_factory=DriveScenario)
     work: WorkScenario = field(default_factory=WorkScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
-    actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
-    sensors: SensorScenario = field(default_factory=SensorScenario)
+    machine: PlatformDesign = field(default_factory=PlatformDesign)
     control: ControlScenario = field(default_factory=ControlScenario)
     faults: list[PlatformFault] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
     longest: float = quantity(120.0, 1.0, 7200.0)
 
     @property
-    def machine(self) -> LevellingScenario:
+    def levelling(self) -> LevellingScenario:
         """The machine on its wheels, on its way."""
         return LevellingScenario(
             backend=self.backend,
             seed=self.seed,
             ground=self.ground,
             plant=self.plant,
-            actuators=self.actuators,
-            sensors=self.sensors,
+            machine=self.machine,
             control=self.control,
             job=JobScenario(start="wheels", start_x_m=-self.drive.distance_m),
             faults=self.faults,
             hardware=self.hardware,
         )
+
+    @property
+    def posture(self) -> tuple[float, float, float]:
+        """Roll, pitch, height of the work [rad, rad, m]."""
+        work, height = self.work, self.machine.working_height
+        if work.height_mm is not None:
+            height = 1e-3 * work.height_mm
+        return math.radians(work.roll_deg), math.radians(work.pitch_deg), height
 
     def steps(self) -> tuple[Step, ...]:
         """Steps of the operator."""
@@ -260,16 +260,16 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
 
     def machine_scenario(self, scenario: DeployScenario) -> LevellingScenario:
         """See `LoopExperiment`."""
-        return scenario.machine
+        return scenario.levelling
 
     def operated(self, scenario: DeployScenario, controls: Any) -> ClosedLoop[LevellingScenario]:
         """A person in place of the script."""
-        return operated_platform(scenario.machine, scenario.work.posture[2], controls)
+        return operated_platform(scenario.levelling, scenario.posture[2], controls)
 
     def loop(self, scenario: DeployScenario, **options: Any) -> ClosedLoop[LevellingScenario]:
         """The machine with its supervisor and an operator."""
-        machine = scenario.machine
-        operator = OperatorScript(scenario.steps(), scenario.work.posture, machine.control.period)
+        machine = scenario.levelling
+        operator = OperatorScript(scenario.steps(), scenario.posture, machine.control.period)
         parts: dict[str, Any] = {
             "controller": make_supervised_controller(machine),
             "sources": [operator],
@@ -278,7 +278,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
 
     def scene(self, scenario: DeployScenario) -> Meshcat:
         """The ground's slope against a horizontal floor."""
-        return make_scene(scenario.machine)
+        return make_scene(scenario.levelling)
 
     def run(self, scenario: DeployScenario, runner: Runner) -> Operation:
         """Runs until the operator has nothing left to do, or something is refused."""
@@ -335,7 +335,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         self, scenario: DeployScenario, panel: Panel, run: Run, console: Console
     ) -> Callable[[], None] | None:
         """A person operates the platform."""
-        live = LiveOperation(scenario.machine, scenario.work.posture[2], panel)
+        live = LiveOperation(scenario.levelling, scenario.posture[2], panel)
         return partial(stay_live, panel, live.operate, console, _HELP)
 
     def draw(self, scenario: DeployScenario, data: Operation) -> Iterable[Figure]:
@@ -455,7 +455,7 @@ def _holding(signals: Signals) -> NDArray[np.bool_]:
 
 def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
     """Errors while the posture is held, the arm's swing included."""
-    desired = in_deg_and_mm(np.array(scenario.work.posture))
+    desired = in_deg_and_mm(np.array(scenario.posture))
     # The height counts from the plane that fits the ground under the feet best.
     is_true = "truth.posture" in signals
     if is_true:
@@ -518,7 +518,7 @@ def posture_of(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64
     if "truth.posture" in signals:
         return signals["truth.posture"]
     legs = forward_kinematics(
-        geometry_as_known(scenario.control),
+        scenario.levelling.geometry_as_known,
         signals["legs.extension"] + scenario.control.encoder_offsets,
         signals["ground_estimated"],
         foot_offsets=signals["foot_offsets_estimated"],
@@ -528,7 +528,7 @@ def posture_of(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64
 
 def _clearance(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64]:
     """Clearance of the wheels (4, n) above the ground's plane [m]."""
-    wheels, posture = WheelGeometry(), posture_of(scenario, signals)
+    wheels, posture = scenario.machine.wheel_geometry, posture_of(scenario, signals)
     ground: Any = scenario.ground.inclination
     if "truth.posture" not in signals:
         ground = signals["ground_estimated"].T
@@ -542,7 +542,7 @@ def _clearance(scenario: DeployScenario, signals: Signals) -> NDArray[np.float64
 def _smoothness(scenario: DeployScenario, signals: Signals) -> list[Metric]:
     """Commands that do not jump, at transitions least of all."""
     desired = signals["extension_desired_state"][:, :LEG_COUNT]
-    fastest = 1e3 * scenario.control.period * 1.5 * SupervisorParams().raising_rate
+    fastest = 1e3 * scenario.control.period * 1.5 * scenario.machine.supervisor.raising_rate
     return [
         Metric(
             "largest_voltage_step_V",

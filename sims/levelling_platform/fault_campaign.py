@@ -63,6 +63,7 @@ _INJECTABLE = (
     "legs.voltage",
     "posture_command",
 )
+_SLACK = 1e-3  # beyond an end stop [m]
 _TIPPED = 10.0  # a platform that is this far from its path may be on its way to tip over [deg]
 # Why some faults are not found, and do no harm.
 _IDLE = "the leg is asked for nothing, or for less than friction, and its screw holds it"
@@ -334,12 +335,13 @@ class Campaign:
         return float(tilt), 1e3 * float(off[..., 2].min(axis=1).max())
 
     def _is_bounded(self, trace: _Trace) -> bool:
-        limit = self._scenario.control.voltage_limit
+        limit = self._scenario.levelling.tuned_control.voltage_limit or 0.0
+        low, high = self._scenario.machine.stops
         return bool(
             np.isfinite(trace.outputs).all()
             and (np.abs(trace.outputs[:, :4]) <= limit).all()
             and np.isfinite(trace.posture).all()
-            and ((trace.extension > 0.379) & (trace.extension < 0.461)).all()
+            and ((trace.extension > low - _SLACK) & (trace.extension < high + _SLACK)).all()
         )
 
 

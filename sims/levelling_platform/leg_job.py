@@ -1,6 +1,7 @@
 """Legs that an experiment drives itself, simulated or on the real machine under its guard."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -13,16 +14,15 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.design import PlatformDesign, SensorScenario
 from parapod.diagrams.levelling_platform.leg_control import make_leg_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
-    ActuatorScenario,
     ControlScenario,
     GroundScenario,
     JobScenario,
     LevellingScenario,
     PlantScenario,
-    SensorScenario,
 )
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import idle_inputs
@@ -34,8 +34,6 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 
 # Time at the beginning of a job in which nothing is commanded, so that it can be refused [s].
 AT_REST = 0.5
-# Extensions at which a platform on level ground stands on its feet [m].
-STANDING = (0.385, 0.425)
 # Largest tilt of the platform while no controller holds it level [rad].
 _TILT = np.radians(3.0)
 
@@ -46,28 +44,27 @@ class DrivenScenario(Protocol):
     backend: str
     seed: int
     plant: PlantScenario
-    actuators: ActuatorScenario
+    machine: PlatformDesign
     control: ControlScenario
     hardware: HardwareScenario
 
 
 def on_level_ground(
-    scenario: DrivenScenario, sensors: SensorScenario, initial_extension_mm: float
+    scenario: DrivenScenario, sensors: SensorScenario, initial_extension_mm: float | None
 ) -> LevellingScenario:
     """The machine of a scenario, standing on level ground.
 
     Args:
-        scenario: its backend, seed, plant, actuators, control and hardware are taken.
+        scenario: its backend, seed, machine, plant, control and hardware are taken.
         sensors: the machine's sensors.
-        initial_extension_mm: extension of all legs [mm].
+        initial_extension_mm: extension of all legs [mm]; None: that of a job.
     """
     return LevellingScenario(
         backend=scenario.backend,
         seed=scenario.seed,
+        machine=replace(scenario.machine, sensors=sensors),
         ground=GroundScenario(0.0, 0.0),
         plant=scenario.plant,
-        actuators=scenario.actuators,
-        sensors=sensors,
         control=scenario.control,
         job=JobScenario(initial_extension_mm=initial_extension_mm),
         hardware=scenario.hardware,
@@ -154,6 +151,12 @@ class LegWatch:
         self._readings: dict[str, Callable[[], NDArray[Any]]] = {}
         self.is_over, self._is_begun, self._ticks = False, False, 0
         self.rows: dict[str, list[Any]] = {name: [] for name in ("t", *self.signals)}
+
+    @property
+    def machine(self) -> PlatformDesign:
+        """The platform that it watches."""
+        machine: PlatformDesign = self._loop.scenario.machine
+        return machine
 
     def look(self, root: Context) -> bool:
         """Notes the newest tick, once; returns whether it is new.
@@ -259,7 +262,7 @@ def refuse_unless_standing(watch: LegWatch) -> None:
     Raises:
         RefusedRequest: names the leg.
     """
-    low, high = (1e3 * limit for limit in STANDING)
+    low, high = (1e3 * limit for limit in watch.machine.standing_stroke)
     begin = f"begin on level ground, with all feet on it at {low:g}..{high:g} mm"
     lengths = 1e3 * watch.newest("legs.extension")
     for leg, (length, touches) in enumerate(zip(lengths, watch.touching, strict=True)):

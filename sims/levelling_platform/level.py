@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import BODIES, JobScenario, LevellingScenario
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.run import Run, realtime_metric
@@ -70,7 +69,7 @@ class Level(LevellingExperiment[Run]):
         """Errors beside what the paper's closed loop stayed within."""
         is_true = "truth.posture" in run
         true = run.signals.get("truth.posture")
-        posture = in_deg_and_mm(measured_posture(run, scenario.control) if true is None else true)
+        posture = in_deg_and_mm(measured_posture(run, scenario) if true is None else true)
         if is_true:
             yield from _ground_metrics(scenario, run)
         yield from _posture_metrics(scenario, run, posture)
@@ -171,7 +170,7 @@ def _posture_metrics(
         ),
         Metric(
             "settling_time_s",
-            _settling_time(scenario.job, run.time, posture, _scale(run)),
+            _settling_time(scenario, run.time, posture, _scale(run)),
             "s",
             _settling_bound(scenario, run.time, posture),
             meaning=f"time until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
@@ -203,7 +202,7 @@ def _peak_voltage(scenario: LevellingScenario, run: Run) -> Metric:
         "peak_voltage_V",
         float(np.abs(run["legs.voltage"]).max()),
         "V",
-        scenario.actuators.supply_voltage,
+        scenario.machine.actuators.supply_voltage,
         meaning="largest command to a motor",
     )
 
@@ -258,19 +257,25 @@ def _settling_bound(
     estimated = posture[(time >= job.estimate_at) & np.isfinite(posture).all(axis=1)]
     if not estimated.size:
         return job.settled_after
-    roll, pitch, height = estimated[0] - [0.0, 0.0, job.height_mm]
+    roll, pitch, height = estimated[0] - [0.0, 0.0, 1e3 * scenario.level_height]
     longest = limits.duration((math.radians(roll), math.radians(pitch), 1e-3 * height))
-    return longest + _TIME_CONSTANTS / scenario.control.pole
+    pole = scenario.tuned_control.pole
+    assert pole is not None
+    return longest + _TIME_CONSTANTS / pole
 
 
 def _settling_time(
-    job: JobScenario, time: NDArray[np.float64], posture: NDArray[np.float64], scale: float
+    scenario: LevellingScenario,
+    time: NDArray[np.float64],
+    posture: NDArray[np.float64],
+    scale: float,
 ) -> float:
     """From the estimate until the platform stays level [s]; infinite if it does not.
 
     It has to stay so until a waypoint asks for another posture. Waypoints that are shrunk until
     level and they differ by less than the bounds ask for none; they widen the bounds instead.
     """
+    job = scenario.job
     since = time - job.estimate_at
     until, tolerance = job.end, np.tile(_LEVEL, (time.size, 1))
     for waypoint in job.waypoints:
@@ -281,7 +286,7 @@ def _settling_time(
             later = since >= waypoint.time
             tolerance[later] = np.maximum(tolerance[later], _LEVEL + size)
     levelling = (since >= 0.0) & (since < until)
-    error = np.abs(posture - [0.0, 0.0, job.height_mm])
+    error = np.abs(posture - [0.0, 0.0, 1e3 * scenario.level_height])
     outside = np.flatnonzero((error > tolerance)[levelling].any(axis=1))
     if not outside.size:
         return 0.0
@@ -292,8 +297,8 @@ def _settling_time(
 
 def _stroke_left(scenario: LevellingScenario, run: Run) -> str:
     """Stroke that the level posture leaves to the waypoints, in words."""
-    geometry = geometry_as_known(scenario.control)
-    level = (0.0, 0.0, 1e-3 * scenario.job.height_mm)
+    geometry = scenario.geometry_as_known
+    level = (0.0, 0.0, scenario.level_height)
     extension = inverse_kinematics(geometry, level, run["ground_estimated"][-1])
     stroke_left = np.minimum(
         extension - geometry.extension_min, geometry.extension_max - extension
@@ -308,7 +313,7 @@ def _figure(scenario: LevellingScenario, run: Run) -> Figure:
     started = desired[:, 2] > 0.0
     name, posture = "true", run.signals.get("truth.posture")
     if posture is None:
-        name, posture = "measured", measured_posture(run, scenario.control)
+        name, posture = "measured", measured_posture(run, scenario)
     lines = {
         "asked for": in_deg_and_mm(desired[started]),
         name: in_deg_and_mm(posture[started]),

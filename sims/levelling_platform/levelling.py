@@ -17,8 +17,7 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
-from parapod.diagrams.levelling_platform.model import geometry_as_known
-from parapod.diagrams.levelling_platform.scenario import BODIES, ControlScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import BODIES, LevellingScenario
 from parapod.diagrams.plots import ROLE_COLOURS
 from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.experiment import LoopExperiment
@@ -137,7 +136,7 @@ AS_MEASURED = (
 
 
 def measured_posture(
-    signals: Mapping[str, NDArray[np.float64]], control: ControlScenario
+    signals: Mapping[str, NDArray[np.float64]], scenario: LevellingScenario
 ) -> NDArray[np.float64]:
     """Postures (n, 3) as the machine's own sensors measure them [rad, rad, m].
 
@@ -146,7 +145,7 @@ def measured_posture(
 
     Args:
         signals: extensions, attitude and ground of a run, by the names of their ports.
-        control: machine as the controller knows it.
+        scenario: machine as its controller knows it.
     """
     ground, valid = signals["ground_estimated"], signals["ground_valid"][:, 0] > 0.5
     posture = np.full((len(ground), 3), np.nan)
@@ -155,8 +154,8 @@ def measured_posture(
         [
             posture[valid, :2],
             forward_kinematics(
-                geometry_as_known(control),
-                signals["legs.extension"][valid] + control.encoder_offsets,
+                scenario.geometry_as_known,
+                signals["legs.extension"][valid] + scenario.control.encoder_offsets,
                 ground[valid],
                 legs=(0, 1, 2),
                 foot_offsets=signals["foot_offsets_estimated"][valid],
@@ -283,8 +282,8 @@ class LivePlatform(Live):
         scenario = copy.deepcopy(scenario)
         scenario.job.arm.angle_deg = 0.0
         self._job = scenario.job
-        geometry = geometry_as_known(scenario.control)
-        self.sliders = PostureSliders(panel, 1e-3 * scenario.job.height_mm, geometry)
+        geometry = scenario.geometry_as_known
+        self.sliders = PostureSliders(panel, scenario.level_height, geometry)
         loop = ClosedLoop(
             PLATFORM,
             scenario,
@@ -322,8 +321,7 @@ def read_posture(
     desired_values, desired = read(asked_by), read("posture_desired_state")
     standing = read("ground_estimated"), read("foot_offsets_estimated")
     is_known = bool(read("ground_valid")[0] > 0.5)
-    control = loop.scenario.control
-    geometry = geometry_as_known(control)
+    control, geometry = loop.scenario.control, loop.scenario.geometry_as_known
     extension = read("legs.extension") + control.encoder_offsets
     legs = forward_kinematics(
         geometry, extension, standing[0], (0, 1, 2), foot_offsets=standing[1]

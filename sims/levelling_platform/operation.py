@@ -13,7 +13,6 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.runner import Live
@@ -215,7 +214,7 @@ class OperationWatch:
             self._read(root_context, "ground_estimated"),
             self._read(root_context, "foot_offsets_estimated"),
         )
-        geometry = geometry_as_known(self._loop.scenario.control)
+        geometry = self._loop.scenario.geometry_as_known
         try:
             inverse_kinematics(geometry, posture, *standing)
         except UnreachablePosture as error:
@@ -244,9 +243,7 @@ def operated_platform(
         machine,
         meshcat=meshcat,
         controller=make_supervised_controller(machine, is_operated=True),
-        sources=(
-            OperatorControls(controls, height, geometry_as_known(machine.control), period=0.02),
-        ),
+        sources=(OperatorControls(controls, height, machine.geometry_as_known, period=0.02),),
         log=(),
     )
 

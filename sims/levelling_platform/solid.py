@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from rich.console import Console
 
-from parapod.diagrams.levelling_platform.model import add_drawing
+from parapod.diagrams.levelling_platform.model import DRAWN, DRAWN_PARTS, add_drawing
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.wiring import add
 from parapod.sims.lab.panel import Panel
@@ -22,7 +22,7 @@ from parapod.sims.output.figures import Figure
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, standing_pose
+from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.turntable import stroke_left_turning, swept_surface
 from parapod.systems.levelling_platform.workspace import (
     SUPPORT_LEG,
@@ -279,9 +279,9 @@ def wait(panel: Panel, console: Console) -> None:
 
 def _draw_machine(meshcat: Meshcat, lean: float) -> NDArray[np.float64]:
     """Draws the machine about the world's origin; returns where its foot 2 stands (3) [m]."""
-    middle = 0.5 * (MODEL_GEOMETRY.extension_min + MODEL_GEOMETRY.extension_max)
+    middle = 0.5 * (DRAWN.extension_min + DRAWN.extension_max)
     extension = np.full(LEG_COUNT, middle)
-    posture = forward_kinematics(MODEL_GEOMETRY, extension, _LEVEL)
+    posture = forward_kinematics(DRAWN, extension, _LEVEL)
     builder = DiagramBuilder()
     ports = [
         add(builder, ConstantVectorSource(np.asarray(value, dtype=float)), name).get_output_port()
@@ -291,10 +291,10 @@ def _draw_machine(meshcat: Meshcat, lean: float) -> NDArray[np.float64]:
             ("arm_position", (0.0, lean)),
         )
     ]
-    add_drawing(builder, _LEVEL, meshcat, *ports)
+    add_drawing(builder, _LEVEL, meshcat, *ports, geometry=DRAWN, structure=DRAWN_PARTS)
     diagram = builder.Build()
     diagram.ForcedPublish(diagram.CreateDefaultContext())
-    x, y, _ = foot_to_centre(MODEL_GEOMETRY.legs[SUPPORT_LEG], middle)
+    x, y, _ = foot_to_centre(DRAWN.legs[SUPPORT_LEG], middle)
     return np.array([-x, -y, 0.0])
 
 

@@ -89,7 +89,7 @@ class _Run:
         posture = run.signals.get("truth.posture")
         return cls(
             run,
-            in_deg_and_mm(measured_posture(run, scenario.control) if posture is None else posture),
+            in_deg_and_mm(measured_posture(run, scenario) if posture is None else posture),
             in_deg_and_mm(state[:, :3]),
             at_rest=at_rest,
             moving=changing & (run.time >= began),
@@ -129,7 +129,7 @@ class TrackPosture(LevellingExperiment[Runs]):
     """Follows the scenario's postures with three machines, or with the real one.
 
     The scenario's `plant.length_error_mm` and `plant.angle_error_deg` are those of the second
-    and third, its `control.outer_loop_gain` and `sensors.imu_delay_ms` those of the third.
+    and third, its `control.outer_loop_gain` and `machine.sensors.imu_delay_ms` those of the third.
     """
 
     backends = (*SIMULATED, "hardware")
@@ -161,8 +161,9 @@ class TrackPosture(LevellingExperiment[Runs]):
         if scenario.backend == "hardware":
             return _of_real_machine(self, scenario, runner)
         inner = replace(scenario.control, outer_loop=False)
-        prompt = replace(scenario.sensors, imu_delay_ms=0.0)
-        perturbed = replace(scenario, control=inner, sensors=prompt)
+        prompt = replace(scenario.machine.sensors, imu_delay_ms=0.0)
+        machine = replace(scenario.machine, sensors=prompt)
+        perturbed = replace(scenario, control=inner, machine=machine)
         as_drawn = replace(scenario.plant, length_error_mm=0.0, angle_error_deg=0.0)
         nominal = replace(perturbed, plant=as_drawn)
         return Runs(

@@ -24,7 +24,6 @@ from parapod.sims.levelling_platform.levelling import (
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _BOUNDS = (0.02, 0.1)
 # Errors that the paper found: in its co-simulation, and between its model and its prototype.
@@ -114,7 +113,7 @@ def _compare(scenario: LevellingScenario, run: Run) -> Comparison:
     standing = run.time >= _STANDING
     # The three active legs, as the paper's Eqs. (10) to (12) have it.
     model = forward_kinematics(
-        MODEL_GEOMETRY,
+        scenario.machine.geometry,
         run["legs.extension"][standing],
         scenario.ground.inclination,
         legs=(0, 1, 2),

@@ -5,7 +5,7 @@
     control.pole=8:12                      between 8 and 12, if the key need not be whole
     plant.leg_model=full,reduced           these values
     plant.length_error_mm=normal(0, 0.3)   mean and standard deviation
-    sensors.imu_delay_ms=loguniform(1, 100)  as likely in every octave
+    machine.sensors.imu_delay_ms=loguniform(1, 100)  as likely in every octave
 
 A distribution counts as far as the scenario admits its values: of a normal one, the part within
 the admissible range.

@@ -57,6 +57,11 @@ class LinearActuatorParams:
         """K of Eq. (17), speed per voltage [(m/s)/V]."""
         return self.motor_constant / self.viscous_friction
 
+    @property
+    def time_constant(self) -> float:
+        """J_l / nu_l of Eq. (15) [s]."""
+        return self.inertia / self.viscous_friction
+
 
 # Larger loads than any actuator bears, which would overflow, count as zero [N].
 _LARGEST_LOAD = 1e12

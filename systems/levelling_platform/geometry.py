@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -133,6 +133,7 @@ class PlatformGeometry:
         foot_radius: radius of the foot's rollers [m]; the paper's model has points, 0.
         extension_min: smallest extension of the actuators on the ground (highest pose) [m].
         extension_max: largest extension on the ground (the wheels touch) [m].
+        own_legs: legs that are not alike (4), as drawn; empty: the dimensions above hold for all.
         deviations: deviations of each leg from its drawing (4); empty for legs as drawn.
     """
 
@@ -148,38 +149,68 @@ class PlatformGeometry:
     foot_radius: float = 0.0
     extension_min: float = 0.390
     extension_max: float = 0.420
+    own_legs: tuple[LegGeometry, ...] = ()
     deviations: tuple[LegDeviation, ...] = ()
 
     def __post_init__(self) -> None:
-        if len(self.deviations) not in (0, LEG_COUNT):
-            raise ValueError(f"deviations must be 0 or {LEG_COUNT}, not {len(self.deviations)}")
+        for name in ("deviations", "own_legs"):
+            count = len(getattr(self, name))
+            if count not in (0, LEG_COUNT):
+                raise ValueError(f"{name} must be 0 or {LEG_COUNT}, not {count}")
+        if not self.extension_min < self.extension_max:
+            raise ValueError(
+                f"extension_min = {self.extension_min:g} m must be less than "
+                f"extension_max = {self.extension_max:g} m"
+            )
 
     @cached_property
     def legs(self) -> tuple[LegGeometry, ...]:
-        """The four legs, in the paper's order: Table 2 and the angles beta_i."""
+        """The four legs as built, in the paper's order: Table 2 and the angles beta_i."""
+        if not self.deviations:
+            return self.drawn_legs
+        legs = zip(self.drawn_legs, self.deviations, strict=True)
+        return tuple(
+            replace(leg, **{name: getattr(leg, name) + getattr(own, name) for name in DIMENSIONS})
+            for leg, own in legs
+        )
+
+    def with_stroke(self, stroke: tuple[float, float]) -> "PlatformGeometry":
+        """The same platform, its actuators used from end to end.
+
+        Args:
+            stroke: smallest and largest extension [m].
+        """
+        low, high = stroke
+        legs = tuple(replace(leg, extension_min=low, extension_max=high) for leg in self.own_legs)
+        return replace(self, extension_min=low, extension_max=high, own_legs=legs)
+
+    @cached_property
+    def drawn_legs(self) -> tuple[LegGeometry, ...]:
+        """The four legs without their deviations."""
+        if self.own_legs:
+            return self.own_legs
         quadrants = (
             (1.0, -1.0, -self.beta),
             (1.0, 1.0, self.beta),
             (-1.0, 1.0, math.pi - self.beta),
             (-1.0, -1.0, math.pi + self.beta),
         )
-        deviations = self.deviations or (LegDeviation(),) * LEG_COUNT
         return tuple(
             LegGeometry(
-                l_x=sign_x * self.l_c1 + deviation.l_x,
-                l_y=sign_y * self.l_c2 + deviation.l_y,
-                l_z=self.l_c3 + deviation.l_z,
-                beta=beta + deviation.beta,
-                l_3=self.l_3 + deviation.l_3,
-                l_4=self.l_4 + deviation.l_4,
-                l_6=self.l_6 + deviation.l_6,
-                l_7=self.l_7 + deviation.l_7,
-                alpha=self.alpha + deviation.alpha,
+                l_x=sign_x * self.l_c1,
+                l_y=sign_y * self.l_c2,
+                l_z=self.l_c3,
+                beta=beta,
+                l_3=self.l_3,
+                l_4=self.l_4,
+                l_6=self.l_6,
+                l_7=self.l_7,
+                alpha=self.alpha,
                 foot_radius=self.foot_radius,
                 extension_min=self.extension_min,
                 extension_max=self.extension_max,
             )
-            for (sign_x, sign_y, beta), deviation in zip(quadrants, deviations, strict=True)
+            for sign_x, sign_y, beta in quadrants
         )
 
 

@@ -49,13 +49,6 @@ from parapod.systems.levelling_platform.leg import (
 from parapod.systems.levelling_platform.plane import dot, normal_of
 from parapod.systems.levelling_platform.statics import resting_posture
 from parapod.systems.physics.loops import Ball, Coupling
-from parapod.systems.sensors.limit_switches import LimitSwitchesParams
-
-# Geometry of the files in `parapod.urdf.levelling_platform`: Tables 1 and 2, with rollers.
-MODEL_GEOMETRY = PlatformGeometry(foot_radius=0.025)
-# Assumptions: half a millimetre inside the actuators' end stops at 0.380 m and 0.460 m; well below
-# a leg's share of the platform's weight, above the foot's own.
-LIMIT_SWITCHES = LimitSwitchesParams(extended=0.4595, retracted=0.3805, contact_force=5.0)
 
 WHEEL_COUNT = 4
 
@@ -82,12 +75,12 @@ class PlatformModel:
     Attributes:
         plant: the plant.
         ground_mount: frame on the world that carries the ground and can be inclined.
-        geometry: dimensions of the machine as built; the files have those of `MODEL_GEOMETRY`.
+        geometry: dimensions of the legs as built.
     """
 
     plant: MultibodyPlant
     ground_mount: FixedOffsetFrame
-    geometry: PlatformGeometry = MODEL_GEOMETRY
+    geometry: PlatformGeometry
 
     @cached_property
     def base(self) -> RigidBody:
@@ -126,10 +119,13 @@ class PlatformModel:
         """The ball joints at K that close the legs' loops, between rod and coupler."""
         if not self.is_full:
             return ()
-        leg = MODEL_GEOMETRY.legs[0]  # as built, the actuator's pivot is moved, not K
-        p_MK = np.array([leg.l_3 * leg.e_a[0], 0.0, leg.l_3 * leg.e_a[1]])
-        bodies = zip(self.leg_bodies("rod"), self.leg_bodies("coupler"), strict=True)
-        return tuple(Ball(rod, np.zeros(3), coupler, p_MK) for rod, coupler in bodies)
+        # As built, the actuator's pivot is moved, not K.
+        legs = self.geometry.drawn_legs
+        bodies = zip(legs, self.leg_bodies("rod"), self.leg_bodies("coupler"), strict=True)
+        return tuple(
+            Ball(rod, np.zeros(3), coupler, leg.l_3 * _in_plane(*leg.e_a))
+            for leg, rod, coupler in bodies
+        )
 
     @cached_property
     def couplings(self) -> tuple[Coupling, ...]:

@@ -41,6 +41,7 @@ class KinematicPlatformParams:
         arm_mass: arm with its camera [kg] (section 7).
         arm_base: base of the arm, from F [m] (fitted to the paper's workspace).
         arm_centre: distance of the arm's centre of mass from its base [m].
+        arm_inertia: moment of inertia of the arm across it, about its centre of mass [kg m^2].
         foot_stiffness: stiffness of one foot with its leg [N/m]; decides how the load is shared
             by four legs whose feet do not lie in one plane exactly (assumption).
         wheel_stiffness: stiffness of one wheel [N/m] (assumption).
@@ -52,6 +53,7 @@ class KinematicPlatformParams:
     arm_mass: float = 1.0
     arm_base: tuple[float, float, float] = ARM_BASE
     arm_centre: float = 1.747
+    arm_inertia: float = 0.2929
     foot_stiffness: float = 2.0e6
     wheel_stiffness: float = 2.0e6
     gravity: float = GRAVITY

@@ -149,10 +149,6 @@ def _profile(profile: Profile, t: Elementwise) -> tuple[Elementwise, Elementwise
     )
 
 
-# Radius of gyration of the arm across it, about its centre of mass, squared [m^2]: arm.urdf's
-# moment of inertia over its mass (a rod of .27 kg and 2.02 m with .73 kg at its tip).
-ARM_GYRATION_SQUARED = 0.2929
-
 type Point = tuple[Elementwise, Elementwise]
 
 # Keeps 0 / 0 away from edges without length.
@@ -352,7 +348,7 @@ def _point(
     g = scaled(upwards(*ground), -params.gravity)
     on_platform = scaled(g, params.mass)
     on_arm = scaled(minus(g, scaled(bent, params.arm_centre)), params.arm_mass)
-    turning = scaled(cross(along, bent), params.arm_mass * ARM_GYRATION_SQUARED)
+    turning = scaled(cross(along, bent), params.arm_inertia)
     x, y, z = plus(on_platform, on_arm)
     m_x, m_y, _ = minus(plus(cross(platform, on_platform), cross(arm, on_arm)), turning)
     z = _choose(z < 0.0, z, math.nan)

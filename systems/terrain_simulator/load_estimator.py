@@ -26,7 +26,8 @@ _LEVEL = (0.0, 0.0, 0.0)  # change of a slider's height by the pose
 _LARGEST = 1e9  # number at an input that can be a measurement [any SI unit]
 
 
-class PlaneBody(NamedTuple):
+@dataclass(frozen=True)
+class PlaneBody:
     """A body that moves in the plane of the bench.
 
     Attributes:

@@ -5,10 +5,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.levelling_platform.model import DRAWN, add_platform
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, FootTruth
+from parapod.systems.levelling_platform.model import FootTruth
 
 
 class Machine:
@@ -60,7 +60,7 @@ def make_machine():
 class Model:
     """A platform that is put down without a simulation, and what is read from it."""
 
-    def __init__(self, variant, geometry=MODEL_GEOMETRY, foot_offsets=(0.0,) * 4):
+    def __init__(self, variant, geometry=DRAWN, foot_offsets=(0.0,) * 4):
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
         self.model = add_platform(

@@ -9,10 +9,10 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import GroundScenario, LevellingScenario
 from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 # How far the soft side goes down under a mass, and how fast [rad/kg, s].
 _SOFT, _SINKING = math.radians(0.4) / 75.0, 1.0
@@ -46,7 +46,7 @@ class SinkingPlatform(LeafSystem):
         derivatives.get_mutable_vector().SetFromVector(0.01 * self.voltage.Eval(context))
 
     def posture(self, time, rods):
-        posture = forward_kinematics(MODEL_GEOMETRY, rods, self.ground, legs=(0, 1, 2))
+        posture = forward_kinematics(DRAWN, rods, self.ground, legs=(0, 1, 2))
         return posture + np.array([*self.sinks, 0.0]) * math.exp(-time / _SINKING)
 
     def calc_posture(self, context, output):

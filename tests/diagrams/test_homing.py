@@ -7,14 +7,17 @@ import pytest
 
 from parapod.diagrams.homing import APPROACHES, HomingError, find_ends, lead
 from parapod.diagrams.levelling_platform import homing as platform
+from parapod.diagrams.levelling_platform.design import PlatformDesign
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.walking_chair import homing as chair
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.walking_chair.geometry import BRANCHES, LegGeometry
 
 PERIOD = 0.01
+MACHINE = PlatformDesign()
+PLATFORM_LEGS = platform.make_homing(MACHINE)
 LEGS = chair.make_homing(LegGeometry())
 RETRACTED, EXTENDED = np.tile(LegGeometry().strokes, (LEG_COUNT, 1)).T
 NI = SimpleNamespace(extended_mm=459.5)
@@ -33,7 +36,7 @@ class Legs:
         self.switches = [0, 1, 2, 3]
         self.sign, self.frozen, self.stuck = np.ones(LEG_COUNT), {}, {}
         self.scale = np.ones(LEG_COUNT)
-        self.floor = platform._floor()
+        self.floor = platform.on_floor(MACHINE)
         self.has_contact, self.told = np.ones(LEG_COUNT), []
         self.commands, self.reached = [], self.true.copy()
 
@@ -58,7 +61,7 @@ class Legs:
         limits = np.r_[extended, np.zeros(LEG_COUNT), contact]
         roll, pitch = self.slope
         if (self.true < self.floor).all():
-            lifted = forward_kinematics(MODEL_GEOMETRY, self.true, self.slope)
+            lifted = forward_kinematics(DRAWN, self.true, self.slope)
             roll, pitch = lifted[:2]
         accel = G * np.array(to_platform((0.0, 0.0, 1.0), roll, pitch))
         return {"legs.extension": shown, "legs.limits": limits, "imu.accel": accel}
@@ -123,7 +126,7 @@ def homed(plant, homing, driver):
 @pytest.mark.parametrize("start", [0.42, 0.45, 0.4599])
 def test_legs_find_their_switches_wherever_they_begin(start):
     legs = Legs(start)
-    error, found = homed(legs, platform.LEGS, NI)
+    error, found = homed(legs, PLATFORM_LEGS, NI)
     assert np.abs(error).max() < 5e-5
     assert found.spread.max() < 5e-5
     assert legs.reached.max() < 0.46, "an end stop was reached"
@@ -131,16 +134,16 @@ def test_legs_find_their_switches_wherever_they_begin(start):
 
 def test_a_slow_computer_accuses_nobody():
     legs = Legs()
-    search = find_ends(platform.LEGS, NI, "legs", PERIOD, legs.told.append)
+    search = find_ends(PLATFORM_LEGS, NI, "legs", PERIOD, legs.told.append)
     found = carried_out(search, legs, 3)
     shown = legs.values()["legs.extension"]
-    error = np.array(platform.LEGS.positions(NI)) + shown - found.edge - legs.true
+    error = np.array(PLATFORM_LEGS.positions(NI)) + shown - found.edge - legs.true
     assert np.abs(error).max() < 1.5e-4
 
 
 def test_the_same_measurement_again_is_no_time_in_which_an_axis_stands():
     legs = Legs()
-    procedure = find_ends(platform.LEGS, NI, "legs", PERIOD, legs.told.append)
+    procedure = find_ends(PLATFORM_LEGS, NI, "legs", PERIOD, legs.told.append)
     next(procedure)
     values = legs.values() | {"legs.stamp": (5.0,), "imu.stamp": (5.0,)}
     for _ in range(1000):
@@ -149,17 +152,17 @@ def test_the_same_measurement_again_is_no_time_in_which_an_axis_stands():
 
 def test_one_leg_moves_at_a_time_and_none_with_more_than_little_force():
     legs = Legs()
-    homed(legs, platform.LEGS, NI)
+    homed(legs, PLATFORM_LEGS, NI)
     asked = np.array(legs.commands)
     assert (np.count_nonzero(asked, axis=1) <= 1).all()
     assert legs.told == [f"legs {leg}: to the end" for leg in (1, 2, 3, 4)]
-    assert np.abs(asked).max() == platform.LEGS.fast
-    slow = np.isclose(asked, platform.LEGS.slow)
+    assert np.abs(asked).max() == PLATFORM_LEGS.fast
+    slow = np.isclose(asked, PLATFORM_LEGS.slow)
     assert (np.count_nonzero(np.diff(slow.astype(int), axis=0) > 0, axis=0) == APPROACHES).all()
 
 
 def raised(legs):
-    carried_out(platform.raise_feet(platform.LEGS, NI, PERIOD, legs.told.append), legs)
+    carried_out(PLATFORM_LEGS.begin(PLATFORM_LEGS, NI, PERIOD, legs.told.append), legs)
     return legs
 
 
@@ -172,7 +175,7 @@ def test_legs_that_stand_come_up_together_until_no_foot_touches():
     way = legs.true - stood
     assert np.ptp(way) < 5e-4
     assert way.min() == pytest.approx(0.012, abs=1e-4)
-    assert np.max(legs.commands) <= 1.3 * platform.LEGS.slow
+    assert np.max(legs.commands) <= 1.3 * PLATFORM_LEGS.slow
     assert np.min(legs.commands) >= 0.0
     assert legs.told == ["feet touch the ground: all legs come up together"]
 
@@ -231,10 +234,10 @@ class TippingLegs(Legs):
 
 
 def test_a_platform_that_tilts_while_a_leg_looks_for_its_end_ends_the_search():
-    homed(TippingLegs(1.5), platform.LEGS, NI)  # by 0.9 deg
+    homed(TippingLegs(1.5), PLATFORM_LEGS, NI)  # by 0.9 deg
     legs = TippingLegs(6.0)
     with pytest.raises(HomingError, match=r"the platform has tilted by 1\.5 deg while a leg"):
-        homed(legs, platform.LEGS, NI)
+        homed(legs, PLATFORM_LEGS, NI)
     assert legs.true[2] < 0.459
 
 
@@ -269,7 +272,7 @@ def _break(legs, what):
 def test_what_is_broken_or_swapped_is_refused_and_named(what, words, steps):
     legs = Legs()
     _break(legs, what)
-    search = find_ends(platform.LEGS, NI, "legs", PERIOD, legs.told.append)
+    search = find_ends(PLATFORM_LEGS, NI, "legs", PERIOD, legs.told.append)
     with pytest.raises(HomingError, match=words):
         carried_out(search, legs, steps)
 
@@ -287,16 +290,16 @@ def test_ends_that_are_found_at_several_places_are_none():
 
     legs.values = slipping
     with pytest.raises(HomingError, match=r"legs 1: its end was found at places .* mm apart"):
-        homed(legs, platform.LEGS, NI)
+        homed(legs, PLATFORM_LEGS, NI)
 
 
 def test_without_a_place_of_the_switches_nothing_is_looked_for():
     with pytest.raises(HomingError, match="extended_mm = null"):
-        platform.LEGS.positions(SimpleNamespace(extended_mm=None))
+        PLATFORM_LEGS.positions(SimpleNamespace(extended_mm=None))
 
 
 def _on_floor(legs):
-    checks = carried_out(platform.check_on_floor(platform.LEGS, NI, PERIOD), legs)
+    checks = carried_out(PLATFORM_LEGS.checks(PLATFORM_LEGS, NI, PERIOD), legs)
     return {check.key: check for check in checks}
 
 
@@ -339,7 +342,7 @@ def test_an_axis_that_comes_no_nearer_is_named():
     legs = Legs(offset=np.zeros(LEG_COUNT))
     legs.frozen[3] = 0.44
     with pytest.raises(HomingError, match=r"legs 4 does not come nearer .* 10\.0 mm away"):
-        carried_out(lead(platform.LEGS, "legs.extension", [0.45] * 4), legs)
+        carried_out(lead(PLATFORM_LEGS, "legs.extension", [0.45] * 4), legs)
 
 
 def test_branches_find_their_ends_all_at_once_and_stand_off_them_in_the_end():

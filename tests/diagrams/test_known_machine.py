@@ -9,11 +9,15 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.design import (
+    ActuatorScenario,
+    PlatformDesign,
+    SensorScenario,
+)
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.model import geometry_as_built, geometry_as_known
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import (
-    ActuatorScenario,
     ArmScenario,
     ControlScenario,
     GroundScenario,
@@ -21,12 +25,10 @@ from parapod.diagrams.levelling_platform.scenario import (
     LegDeviationScenario,
     LevellingScenario,
     PlantScenario,
-    SensorScenario,
 )
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 IDEAL = SensorScenario(0.0, False, 0.0, 0.0)
 SECONDS = 9.0
@@ -36,7 +38,7 @@ def scenario(**parts):
     given = {
         "backend": "kinematic",
         "ground": GroundScenario(1.0, -1.5),
-        "sensors": IDEAL,
+        "machine": PlatformDesign(sensors=IDEAL),
         "job": JobScenario(estimate_at=1.0, waypoints=[], arm=ArmScenario(angle_deg=0.0)),
     }
     return LevellingScenario(**(given | parts))
@@ -52,13 +54,13 @@ def simulated(case, *names):
 def posture_error(case):
     """Roll, pitch [deg] and height [mm] off the level posture at the end."""
     end = simulated(case, "truth.posture")["truth.posture"][-1]
-    return np.abs(end - [0.0, 0.0, 1e-3 * case.job.height_mm]) * [*np.degrees([1, 1]), 1e3]
+    return np.abs(end - [0.0, 0.0, case.level_height]) * [*np.degrees([1, 1]), 1e3]
 
 
 def known_legs(geometry):
     """A machine's legs by the keys of the scenario; l_x, l_y, l_z answer for l_6 and l_7."""
     legs = []
-    for built, drawn in zip(geometry.legs, MODEL_GEOMETRY.legs, strict=True):
+    for built, drawn in zip(geometry.legs, DRAWN.legs, strict=True):
         other = replace(built, l_6=drawn.l_6, l_7=drawn.l_7)
         # Where the hip has to be for the foot to be where it is.
         shift = np.subtract(built.p_MF, other.p_MF)
@@ -77,17 +79,18 @@ def known_legs(geometry):
 
 
 def test_a_controller_that_knows_nothing_is_that_of_the_drawing():
-    control = ControlScenario()
-    assert geometry_as_known(control) is MODEL_GEOMETRY
-    assert control.gain_share == (1.0,) * 4
+    case = LevellingScenario()
+    control = case.control
+    assert case.geometry_as_known == DRAWN
+    assert case.gain_share == (1.0,) * 4
     assert not control.encoder_offsets.any()
     assert not control.inclination_bias.any()
 
 
 def test_known_legs_have_the_feet_where_they_are():
     case = scenario(plant=PlantScenario(length_error_mm=2.0, angle_error_deg=0.5))
-    built = geometry_as_built(case)
-    known = geometry_as_known(ControlScenario(leg_deviations=known_legs(built)))
+    built = case.geometry_as_built
+    known = scenario(control=ControlScenario(leg_deviations=known_legs(built))).geometry_as_known
     extension = np.array([0.400, 0.410, 0.405, 0.402])
     postures = [forward_kinematics(g, extension, (0.0, 0.0)) for g in (built, known)]
     np.testing.assert_allclose(*postures, atol=1e-12)
@@ -96,7 +99,7 @@ def test_known_legs_have_the_feet_where_they_are():
 def test_known_legs_take_the_platform_to_the_posture_that_is_asked_for():
     plant = PlantScenario(length_error_mm=2.0, angle_error_deg=0.5)
     case = scenario(plant=plant)
-    legs = known_legs(geometry_as_built(case))
+    legs = known_legs(case.geometry_as_built)
     by_drawing = posture_error(case)
     as_known = posture_error(scenario(plant=plant, control=ControlScenario(leg_deviations=legs)))
     assert by_drawing[2] > 0.5
@@ -106,7 +109,7 @@ def test_known_legs_take_the_platform_to_the_posture_that_is_asked_for():
 def test_deviations_of_some_legs_only_are_refused():
     control = ControlScenario(leg_deviations=[LegDeviationScenario()])
     with pytest.raises(ScenarioError, match=r"leg_deviations must have 4 elements or none, not 1"):
-        geometry_as_known(control)
+        _ = scenario(control=control).geometry_as_known
 
 
 def test_encoder_offsets_are_added_to_what_encoders_tell():
@@ -124,12 +127,12 @@ def test_encoder_offsets_are_added_to_what_encoders_tell():
 def test_the_sensor_s_bias_is_taken_off_roll_and_pitch():
     biased = replace(IDEAL, accel_bias_mg=5.0)
     names = ("attitude_estimated", "truth.posture")
-    plain = simulated(scenario(sensors=biased), *names)
+    plain = simulated(scenario(machine=PlatformDesign(sensors=biased)), *names)
     error = np.degrees(plain["attitude_estimated"][-1] - plain["truth.posture"][-1, :2])
     assert np.abs(error).min() > 0.2  # 5 mg are .29 deg
     control = ControlScenario(inclination_bias_deg=error.tolist())
-    known = posture_error(scenario(sensors=biased, control=control))
-    assert posture_error(scenario(sensors=biased))[:2].min() > 0.2
+    known = posture_error(scenario(machine=PlatformDesign(sensors=biased), control=control))
+    assert posture_error(scenario(machine=PlatformDesign(sensors=biased)))[:2].min() > 0.2
     assert known[:2].max() < 0.03
 
 
@@ -137,7 +140,8 @@ def test_known_gains_make_legs_follow_whose_gains_differ():
     def errors(**known):
         # Slow loops, which leave more to the feedforward.
         control = ControlScenario(pole=2.0, **known)
-        case = scenario(control=control, actuators=ActuatorScenario(gain_error=0.3))
+        machine = PlatformDesign(actuators=ActuatorScenario(gain_error=0.3), sensors=IDEAL)
+        case = scenario(control=control, machine=machine)
         names = ("extension_desired_state", "truth.extension")
         signals = simulated(case, *names)
         moving = (signals.time > 1.2) & (signals.time < 4.0)
@@ -159,7 +163,7 @@ def test_the_supervised_controller_is_built_with_what_is_known():
     )
     controller = make_supervised_controller(scenario(control=control))
     detector = controller.GetSubsystemByName("fault_detector")
-    assert detector.geometry == geometry_as_known(control)
+    assert detector.geometry == scenario(control=control).geometry_as_known
     names = [system.get_name() for system in controller.GetSystems()]
     assert {"encoder_correction", "inclination_correction"} <= set(names)
 

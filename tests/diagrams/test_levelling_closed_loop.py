@@ -7,18 +7,18 @@ from pydrake.systems.framework import LeafSystem
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import longest_period, make_controller
+from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
-    SensorScenario,
 )
 from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
     inverse_kinematics,
 )
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 BACKENDS = tuple(PLATFORM.plants)
 BEGIN = 0.5  # of the levelling [s]
@@ -34,8 +34,8 @@ def scenario_of(backend="kinematic", ground=(1.0, -1.5), ideal=False, seed=0):
     scenario = LevellingScenario(backend=backend, seed=seed, ground=GroundScenario(*ground))
     scenario.job.estimate_at = BEGIN
     if ideal:
-        scenario.sensors = SensorScenario(**IDEAL)
-        scenario.actuators.gain_error = 0.0
+        scenario.machine.sensors = SensorScenario(**IDEAL)
+        scenario.machine.actuators.gain_error = 0.0
     return scenario
 
 
@@ -163,7 +163,7 @@ def test_clamped_commands_keep_the_legs_inside_their_stroke(record, period):
         log=names,
     )
     signals = record(loop, BEGIN + 8.0)
-    low, high = MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max
+    low, high = DRAWN.extension_min, DRAWN.extension_max
     # Some overshoot of a leg that follows is no fault of the reference.
     for name, margin in (("extension_desired_state", 1e-4), ("truth.extension", 5e-4)):
         assert np.isfinite(signals[name]).all()
@@ -172,7 +172,7 @@ def test_clamped_commands_keep_the_legs_inside_their_stroke(record, period):
         assert extension.max() < high + margin, name
     # The faster the commands jump, the more of the time goes into stopping.
     assert np.ptp(signals["truth.extension"], axis=0).max() > 5e-3 * min(1.0, period)
-    assert np.abs(signals["legs.voltage"]).max() <= scenario.control.voltage_limit
+    assert np.abs(signals["legs.voltage"]).max() <= scenario.tuned_control.voltage_limit
 
 
 def test_commands_out_of_reach_stop_the_simulation_where_they_are_not_clamped():
@@ -225,12 +225,12 @@ class Controller:
 
     def __init__(self):
         self.scenario = scenario_of()
-        self.limit = self.scenario.control.voltage_limit
+        self.limit = self.scenario.tuned_control.voltage_limit
         self.diagram = make_controller(self.scenario)
         self.simulator = Simulator(self.diagram)
         self.context = self.simulator.get_mutable_context()
         extension = np.full(4, 0.41)
-        roll, pitch, _ = forward_kinematics(MODEL_GEOMETRY, extension, self.GROUND)
+        roll, pitch, _ = forward_kinematics(DRAWN, extension, self.GROUND)
         up = (-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll))
         self.good = {
             "legs.extension": extension,
@@ -315,7 +315,7 @@ def test_controller_that_holds_still_asks_for_the_extensions_of_the_command():
     controller = Controller()
     controller.start()
     controller.run(6.0)
-    expected = inverse_kinematics(MODEL_GEOMETRY, (0.0, 0.0, 0.477), controller.GROUND)
+    expected = inverse_kinematics(DRAWN, (0.0, 0.0, 0.477), controller.GROUND)
     np.testing.assert_allclose(
         controller.read("ground_estimated"), controller.GROUND, rtol=0.0, atol=1e-6
     )

@@ -9,16 +9,16 @@ from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
-    SensorScenario,
 )
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
 from parapod.systems.levelling_platform.model import (
-    MODEL_GEOMETRY,
     ParallelLinks,
     PlatformPose,
     PlatformTruth,
@@ -45,8 +45,8 @@ LOG = (
 
 def perfect_scenario(ground=(0.0, 5.0), **plant):
     scenario = LevellingScenario(ground=GroundScenario(*ground))
-    scenario.sensors = SensorScenario(0.0, False, 0.0, 0.0)
-    scenario.actuators.gain_error = 0.0
+    scenario.machine.sensors = SensorScenario(0.0, False, 0.0, 0.0)
+    scenario.machine.actuators.gain_error = 0.0
     scenario.job.estimate_at = BEGIN
     for key, value in plant.items():
         setattr(scenario.plant, key, value)
@@ -79,9 +79,7 @@ def test_short_run_moves_the_platform(levelling):
 def test_moving_multibody_plant_agrees_with_the_kinematic_model(levelling, variant):
     signals = levelling(variant)
     later = signals["t"] > STOOD
-    predicted = forward_kinematics(
-        MODEL_GEOMETRY, signals["truth.extension"], (0.0, math.radians(5.0))
-    )
+    predicted = forward_kinematics(DRAWN, signals["truth.extension"], (0.0, math.radians(5.0)))
     error = np.abs(signals["truth.posture"] - predicted)[later].max(axis=0)
     assert np.degrees(error[:2]).max() <= 0.02
     assert error[2] <= 1e-4
@@ -167,10 +165,7 @@ def test_actuators_at_rest_hold_what_virtual_work_demands(standing, variant, gro
     roll, pitch, _ = machine.read("truth.posture")
     g = np.array(to_platform(normal_of(*machine.ground), roll, pitch))
     transmission = np.array(
-        [
-            g @ foot_motion(leg, d)[1]
-            for leg, d in zip(MODEL_GEOMETRY.legs, extension.tolist(), strict=True)
-        ]
+        [g @ foot_motion(leg, d)[1] for leg, d in zip(DRAWN.legs, extension.tolist(), strict=True)]
     )
     step = 1e-5
     own = (machine.leg_weights(extension + step) - machine.leg_weights(extension - step)) / (
@@ -202,7 +197,7 @@ def test_quasi_static_actuators_hold_the_contact_force_times_the_transmission(
     step = 1e-6
     transmission = [
         g @ (np.array(foot_to_centre(leg, d + step)) - foot_to_centre(leg, d - step)) / (2 * step)
-        for leg, d in zip(MODEL_GEOMETRY.legs, extension.tolist(), strict=True)
+        for leg, d in zip(DRAWN.legs, extension.tolist(), strict=True)
     ]
     np.testing.assert_allclose(load, contact * transmission, rtol=1e-5)
 
@@ -303,7 +298,7 @@ def test_drawn_pose_is_the_models_and_closes_the_loops(model, fix):
     pose = PlatformPose(model.model)
     context = pose.CreateDefaultContext()
     for extension, ground in random_stances(7, seed=4):
-        posture = forward_kinematics(MODEL_GEOMETRY, extension, ground)
+        posture = forward_kinematics(DRAWN, extension, ground)
         base_pose = standing_pose(posture, ground)
         fix(pose, context, extension=extension, base_pose=base_pose, arm_position=[0.3, 0.2])
         found = np.array(pose.GetOutputPort("positions").Eval(context))

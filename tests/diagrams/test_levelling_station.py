@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
+from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
-    SensorScenario,
 )
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.sensors.imu import ImuParams
 
 BACKENDS = tuple(PLATFORM.plants)
@@ -34,8 +34,8 @@ def scenario_of(backend, ground=(2.0, 3.0), seed=0, **plant):
 
 def perfect(scenario):
     """The same scenario without anything random."""
-    scenario.sensors = SensorScenario(0.0, False, 0.0, 0.0)
-    scenario.actuators.gain_error = 0.0
+    scenario.machine.sensors = SensorScenario(0.0, False, 0.0, 0.0)
+    scenario.machine.actuators.gain_error = 0.0
     return scenario
 
 
@@ -85,7 +85,7 @@ def corner_heights(posture, ground):
     roll, pitch, height = posture
     R_WF = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix()
     n = RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
-    hips = np.array([(-leg.l_x, -leg.l_y, -leg.l_z) for leg in MODEL_GEOMETRY.legs])
+    hips = np.array([(-leg.l_x, -leg.l_y, -leg.l_z) for leg in DRAWN.legs])
     return height + hips @ R_WF.T @ n
 
 
@@ -138,7 +138,7 @@ def test_gains_stay_within_the_stated_error(shared, backend):
         scenario = scenario_of(backend, seed=seed)
         machine.reset(scenario)
         scale = parameter(machine, "linear_actuator") / nominal
-        assert np.abs(scale - 1.0).max() <= scenario.actuators.gain_error
+        assert np.abs(scale - 1.0).max() <= scenario.machine.actuators.gain_error
         assert len(set(scale.tolist())) == 4
 
 
@@ -222,7 +222,7 @@ def test_measured_extensions_are_the_true_ones_in_whole_counts(shared, backend):
     machine = shared(backend)
     machine.set("legs.voltage", [1.0, -1.0, 0.5, -0.5])
     measured, true = machine.record(0.1, "legs.extension", "truth.extension", period=PERIOD)
-    count = 1e-3 * machine.station.scenario.sensors.encoder_resolution_mm
+    count = 1e-3 * machine.station.scenario.machine.sensors.encoder_resolution_mm
     counts = measured / count
     np.testing.assert_allclose(counts, np.round(counts), rtol=0.0, atol=1e-6)
     assert np.abs(measured - true).max() <= 0.5 * count * (1.0 + 1e-9)
@@ -378,8 +378,8 @@ def test_turned_turntable_swings_the_arm_to_the_left(shared, backend):
     swing_arm(machine, math.pi / 4.0)
     machine.run(0.2)
     shift = machine.read("truth.contact_force") - before
-    left = [i for i, leg in enumerate(MODEL_GEOMETRY.legs) if leg.l_y < 0.0]
-    right = [i for i, leg in enumerate(MODEL_GEOMETRY.legs) if leg.l_y > 0.0]
+    left = [i for i, leg in enumerate(DRAWN.legs) if leg.l_y < 0.0]
+    right = [i for i, leg in enumerate(DRAWN.legs) if leg.l_y > 0.0]
     assert (shift[left] > 1.0).all()
     assert (shift[right] < -1.0).all()
 

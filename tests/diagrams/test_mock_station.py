@@ -8,7 +8,8 @@ from rich.console import Console
 
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.station import Station
 from parapod.sims.lab.discovery import find_entry
@@ -19,13 +20,12 @@ from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
-from parapod.systems.levelling_platform.model import LIMIT_SWITCHES, MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
 
 PERIOD = LevellingScenario().control.period
 GAIN = LinearActuatorParams().gain
 GRAVITY = 9.81  # of the simulated plants [m/s^2]
-START = 1e-3 * LevellingScenario().job.initial_extension_mm
+START = LevellingScenario().initial_extension
 
 
 class Mock:
@@ -90,7 +90,10 @@ def test_legs_extend_at_their_gain_times_the_voltage_from_the_first_period_on(mo
 
 def test_legs_know_no_gain_errors_friction_or_seed(make_mock):
     scenario = LevellingScenario(backend="mock", seed=3)
-    scenario.actuators.gain_error, scenario.actuators.coulomb_friction = 0.5, 20000.0
+    scenario.machine.actuators.gain_error, scenario.machine.actuators.coulomb_friction = (
+        0.5,
+        20000.0,
+    )
     mock = make_mock(scenario)
     mock.set("legs.voltage", 0.01)
     mock.run(1)
@@ -99,7 +102,7 @@ def test_legs_know_no_gain_errors_friction_or_seed(make_mock):
 
 def test_voltages_are_those_of_the_supply_at_most(make_mock):
     scenario = LevellingScenario(backend="mock")
-    scenario.actuators.supply_voltage = 5.0
+    scenario.machine.actuators.supply_voltage = 5.0
     mock = make_mock(scenario)
     mock.set("legs.voltage", [9.0, -9.0, np.nan, 5.0])
     mock.run(1)
@@ -141,8 +144,9 @@ def test_all_feet_stand_and_no_stroke_is_at_its_end_at_the_beginning(mock):
 
 def test_switches_close_at_the_ends_of_the_stroke(mock):
     mock.set("legs.voltage", [12.0, -12.0, 0.0, 0.0])
+    end = LevellingScenario().machine.actuators.switches.extended
     for _ in range(100):
-        is_there = mock.read("legs.extension")[0] >= LIMIT_SWITCHES.extended
+        is_there = mock.read("legs.extension")[0] >= end
         assert switches(mock)[0].tolist() == [is_there, 0.0, 0.0, 0.0]
         mock.run(1)
     assert is_there
@@ -173,7 +177,7 @@ def test_gravity_is_seen_from_the_posture_that_the_legs_say(mock):
     mock.set("legs.voltage", 0.0)
     mock.run(2)
     extension = mock.read("legs.extension")
-    roll, pitch, _ = forward_kinematics(MODEL_GEOMETRY, extension, (0.0, 0.0), (0, 1, 2))
+    roll, pitch, _ = forward_kinematics(DRAWN, extension, (0.0, 0.0), (0, 1, 2))
     assert abs(pitch) > 0.01
     seen = to_platform((0.0, 0.0, GRAVITY), roll, pitch)
     np.testing.assert_allclose(mock.read("imu.accel"), seen, atol=1e-2)
@@ -255,7 +259,7 @@ def test_heights_before_there_is_a_ground_are_not_known():
         "legs.extension": np.full((rows, 4), 0.41),
         "foot_offsets_estimated": np.zeros((rows, 4)),
     }
-    height = measured_posture(signals, ControlScenario())[:, 2]
+    height = measured_posture(signals, LevellingScenario())[:, 2]
     assert np.isnan(height[0])
     assert np.isfinite(height[1:]).all()
 

@@ -15,7 +15,7 @@ from parapod.systems.core.scenario_file import load_scenario
 
 pytest.importorskip("mujoco")
 LEVELLING = (
-    "sensors.imu_noise=false",
+    "machine.sensors.imu_noise=false",
     "ground.roll_deg=0",
     "ground.pitch_deg=5",
     "job.estimate_at=0.5",
@@ -71,7 +71,7 @@ def test_the_platform_levels_itself_as_drakes_does(built):
 
 def test_the_platform_drives_on_its_wheels_as_drakes_does():
     settings = ("job.start=wheels", "plant.wheels=rolling", "plant.time_step=0.002")
-    one, other = by_both(PLATFORM, 0.3, "sensors.imu_noise=false", *settings)
+    one, other = by_both(PLATFORM, 0.3, "machine.sensors.imu_noise=false", *settings)
     difference = np.abs(other["truth.posture"] - one["truth.posture"])[5:]
     assert difference.max() < 1e-4
     assert (other["truth.contact_force"] == 0.0).all()

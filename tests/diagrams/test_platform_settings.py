@@ -10,25 +10,23 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
+from parapod.diagrams.levelling_platform.design import PlatformDesign, SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import (
     ControlScenario,
     LevellingScenario,
     PlatformFault,
-    SensorScenario,
 )
 from parapod.diagrams.wiring import outputs_of
 from parapod.systems.core.physics import STANDARD_GRAVITY
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 SEEDS = range(64)
 
 
 def beginnings(**sensors):
-    scenario = LevellingScenario(sensors=SensorScenario(**sensors))
-    return [
-        Beginning.from_scenario(replace(scenario, seed=seed), MODEL_GEOMETRY) for seed in SEEDS
-    ]
+    scenario = LevellingScenario(machine=PlatformDesign(sensors=SensorScenario(**sensors)))
+    return [Beginning.from_scenario(replace(scenario, seed=seed), DRAWN) for seed in SEEDS]
 
 
 # Drawn from the seed
@@ -50,7 +48,7 @@ def test_biases_have_the_scenarios_sizes_and_signs_of_their_own_on_every_axis():
 
 def test_gains_are_off_to_both_sides_and_by_no_more_than_the_scenario_says():
     error = np.array([b.gain_scale - 1.0 for b in beginnings()])
-    largest = LevellingScenario().actuators.gain_error
+    largest = LevellingScenario().machine.actuators.gain_error
     assert -largest <= error.min() < -0.9 * largest
     assert 0.9 * largest < error.max() <= largest
     assert abs(error.mean()) < 0.1 * largest
@@ -61,7 +59,9 @@ def test_gains_are_off_to_both_sides_and_by_no_more_than_the_scenario_says():
 
 def test_the_outer_loop_compares_with_the_reference_as_old_as_the_sensors_samples():
     late, prompt = (
-        posture_loop_params(LevellingScenario(sensors=SensorScenario(imu_delay_ms=delay)))
+        posture_loop_params(
+            LevellingScenario(machine=PlatformDesign(sensors=SensorScenario(imu_delay_ms=delay)))
+        )
         for delay in (40.0, 0.0)
     )
     assert late.lag - prompt.lag == pytest.approx(0.040)
@@ -115,7 +115,7 @@ def test_the_quasi_static_plant_shows_its_motion_once_a_period(period):
 def test_a_wrong_encoder_misleads_the_controller_by_as_much(record):
     """The controller leads what it sees to where it should be, and the leg 5 mm past it."""
     scenario = LevellingScenario(backend="kinematic")
-    scenario.actuators.gain_error = 0.0
+    scenario.machine.actuators.gain_error = 0.0
     scenario.job.estimate_at = 0.5
     scenario.faults = [PlatformFault(at=4.0, target="legs.extension", index=1, kind="wrong")]
     names = ("truth.extension", "legs.extension", "extension_desired_state")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydrake.geometry import SceneGraph
 
-from parapod.diagrams.levelling_platform.model import geometry_as_built
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario, SensorScenario
+from parapod.diagrams.levelling_platform.design import SensorScenario
+from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.statics import resting_posture
 
 VARIANTS = ("full", "reduced")
@@ -21,8 +21,8 @@ IMU_PERIOD = 8.0 / 819.2
 def scenario_with(backend="multibody", seed=0, leg_model="reduced", **plant):
     """A scenario without anything random but the legs' dimensions."""
     scenario = LevellingScenario(backend=backend, seed=seed)
-    scenario.sensors = SensorScenario(0.0, False, 0.0, 0.0)
-    scenario.actuators.gain_error = 0.0
+    scenario.machine.sensors = SensorScenario(0.0, False, 0.0, 0.0)
+    scenario.machine.actuators.gain_error = 0.0
     scenario.plant.leg_model, scenario.plant.time_step = leg_model, 2e-3
     for key, value in plant.items():
         setattr(scenario.plant, key, value)
@@ -36,12 +36,12 @@ TOLERANCES = {"length_error_mm": 2.0, "angle_error_deg": 0.5}
 
 
 def test_a_machine_without_errors_is_built_as_drawn():
-    assert geometry_as_built(scenario_with()) is MODEL_GEOMETRY
+    assert scenario_with().geometry_as_built == DRAWN
 
 
 def test_dimensions_as_built_come_from_the_seed_and_stay_within_their_tolerances():
     one, again, other = (
-        geometry_as_built(scenario_with(seed=seed, **TOLERANCES)) for seed in (3, 3, 4)
+        scenario_with(seed=seed, **TOLERANCES).geometry_as_built for seed in (3, 3, 4)
     )
     assert one == again
     assert one != other
@@ -51,18 +51,18 @@ def test_dimensions_as_built_come_from_the_seed_and_stay_within_their_tolerances
 
 
 def test_errors_of_one_kind_leave_the_other_kind_as_drawn():
-    only_lengths = geometry_as_built(scenario_with(length_error_mm=1.0))
-    only_angles = geometry_as_built(scenario_with(angle_error_deg=0.5))
-    for built, drawn in zip(only_lengths.legs, MODEL_GEOMETRY.legs, strict=True):
+    only_lengths = scenario_with(length_error_mm=1.0).geometry_as_built
+    only_angles = scenario_with(angle_error_deg=0.5).geometry_as_built
+    for built, drawn in zip(only_lengths.legs, DRAWN.legs, strict=True):
         assert (built.alpha, built.beta) == (drawn.alpha, drawn.beta)
-    for built, drawn in zip(only_angles.legs, MODEL_GEOMETRY.legs, strict=True):
+    for built, drawn in zip(only_angles.legs, DRAWN.legs, strict=True):
         assert (built.l_x, built.l_4, built.l_7) == (drawn.l_x, drawn.l_4, drawn.l_7)
 
 
 @pytest.fixture(scope="module", params=VARIANTS)
 def built(request, make_model):
     scenario = scenario_with(length_error_mm=5.0, angle_error_deg=2.0)
-    return make_model(request.param, geometry_as_built(scenario))
+    return make_model(request.param, scenario.geometry_as_built)
 
 
 def random_extensions(count=10):
@@ -98,7 +98,7 @@ def test_legs_as_built_are_closed_and_stand_on_three_feet_with_none_below_the_gr
 
 def test_every_context_has_the_legs_as_built(built):
     hip = built.plant.GetFrameByName("hip_1")
-    leg, drawn = built.model.geometry.legs[0], MODEL_GEOMETRY.legs[0]
+    leg, drawn = built.model.geometry.legs[0], DRAWN.legs[0]
     assert leg != drawn
     default = built.plant.CreateDefaultContext()
     X_FD = hip.CalcPose(default, built.model.base.body_frame())
@@ -160,7 +160,7 @@ def test_both_backends_stand_in_the_same_posture_on_pads(on_pads):
 def test_a_plane_has_no_pads(make_model):
     names = []
     for offsets in ((0.0,) * 4, PADS):
-        machine = make_model("reduced", MODEL_GEOMETRY, offsets)
+        machine = make_model("reduced", DRAWN, offsets)
         assert isinstance(machine.scene_graph, SceneGraph)
         inspector = machine.scene_graph.model_inspector()
         everything = [inspector.GetName(i) for i in inspector.GetAllGeometryIds()]
@@ -171,11 +171,11 @@ def test_a_plane_has_no_pads(make_model):
 
 
 def test_pads_lift_feet_that_the_legs_alone_would_not(make_model):
-    machine = make_model("reduced", MODEL_GEOMETRY, PADS)
+    machine = make_model("reduced", DRAWN, PADS)
     extension = random_extensions(1)[0]
     machine.stand(extension, GROUND)
-    posture = resting_posture(MODEL_GEOMETRY, extension, GROUND, PADS)
-    flat = resting_posture(MODEL_GEOMETRY, extension, GROUND)
+    posture = resting_posture(DRAWN, extension, GROUND, PADS)
+    flat = resting_posture(DRAWN, extension, GROUND)
     assert np.abs(posture - flat).max() > 1e-3
     gap = np.sort(machine.read("foot_height"))
     np.testing.assert_allclose(gap[:3], 0.0, rtol=0, atol=1e-9)
@@ -190,7 +190,7 @@ def inertial_run(make_machine):
 
     def run(delay_ms, samples=20):
         scenario = scenario_with("kinematic")
-        scenario.sensors.imu_delay_ms = delay_ms
+        scenario.machine.sensors.imu_delay_ms = delay_ms
         machine = make_machine(scenario)
         gyro, age = [], []
         for k in range(samples):

@@ -348,7 +348,7 @@ BEGINNINGS = {
         "ground.foot_heights_mm=[5,0,-3,2] ground.roll_deg=-1.5 plant.length_error_mm=1",
         "plant.leg_model=reduced plant.length_error_mm=2 plant.angle_error_deg=0.5 seed=3",
         "job.start=wheels job.start_x_m=0.4 plant.wheels=rolling plant.angle_error_deg=1",
-        "job.initial_extension_mm=400 sensors.imu_noise=false sensors.imu_delay_ms=30",
+        "job.initial_extension_mm=400 machine.sensors={imu_noise: false, imu_delay_ms: 30}",
         "faults=[{at: 0.02, target: legs.extension, kind: garbage}] seed=5",
     ),
     "walking_chair": (
@@ -456,6 +456,9 @@ def test_the_seed_has_an_effect_on_what_is_simulated(machine, backend):
         assert bool(differing(first, second)) == (backend in machine.plants)
 
 
+_SAID = {"job.initial_extension_mm": 407.5}
+
+
 def _changed(kind, rule, value):
     """A value some way within its range, or a scenario of which all numbers are so."""
     if is_schema(kind):
@@ -483,7 +486,11 @@ def test_reset_takes_over_whatever_a_machine_says_that_it_does(machine, backend)
     for key in machine.resets(one):
         *parts, last = key.split(".")
         part = functools.reduce(getattr, parts, other)
-        setattr(part, last, _changed(*fields_of(type(part))[last], getattr(part, last)))
+        value = getattr(part, last)
+        if value is None:  # it follows from the machine, or is said
+            setattr(part, last, _SAID[key])
+        else:
+            setattr(part, last, _changed(*fields_of(type(part))[last], value))
         assert part != functools.reduce(getattr, parts, one)
     assert machine.structure(one) == machine.structure(other)
 

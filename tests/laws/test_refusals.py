@@ -218,7 +218,7 @@ REFUSALS = [
             ("steps.voltages.3=0", "steps.voltages.3"),
             ("steps.voltages.1=2", "steps.voltages.2"),
             ("steps.voltages.9=-11", "steps.voltages.9"),
-            ("actuators.supply_voltage=2.9", "steps.voltages.9"),
+            ("machine.actuators.supply_voltage=2.9", "steps.voltages.9"),
             ("steps.voltages=[1,-1,1,-1,1,-1,1,-1,1,-1]", "steps.voltages"),
         )
     ),

@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 from pydrake.geometry import Role, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.levelling_platform.model import add_platform
+from parapod.diagrams.levelling_platform.model import DRAWN, add_platform
 from parapod.systems.levelling_platform.geometry import ARM_BASE
 from parapod.systems.levelling_platform.kinematics import (
     PlatformGeometry,
@@ -18,12 +17,11 @@ from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
 )
 from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY, ParallelLinks
+from parapod.systems.levelling_platform.model import ParallelLinks
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
-from parapod.urdf import configure_parser
 
 VARIANTS = ("full", "reduced")
-LEGS = MODEL_GEOMETRY.legs
+LEGS = DRAWN.legs
 
 
 class Machine:
@@ -42,7 +40,7 @@ class Machine:
 
     def place(self, extension, posture=None, ground=(0.0, 0.0), arm=(0.0, 0.0)):
         if posture is None:
-            posture = forward_kinematics(MODEL_GEOMETRY, extension, ground)
+            posture = forward_kinematics(DRAWN, extension, ground)
         positions = self.model.positions(extension, posture, ground, arm)
         self.plant.SetPositions(self.context, positions)
         return posture
@@ -94,21 +92,8 @@ def bodies(plant):
 # Parsing
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_directives_parse_on_their_own(variant):
-    plant = MultibodyPlant(1e-3)
-    parser = Parser(plant)
-    parser.SetStrictParsing()
-    configure_parser(parser)
-    parser.AddModels(url=f"package://parapod/levelling_platform/platform_{variant}.dmd.yaml")
-    assert {f"leg_{i}" for i in range(1, 5)} <= {
-        plant.GetModelInstanceName(instance)
-        for instance in {body.model_instance() for body in bodies(plant)}
-    }
-
-
 def test_an_unknown_variant_is_refused():
-    with pytest.raises((ValueError, RuntimeError)):
+    with pytest.raises(ValueError, match="'half' is none of full, reduced"):
         Machine("half")
 
 
@@ -290,7 +275,7 @@ def ground_distances(machine):
     for roller in machine.model.leg_bodies("roller"):
         (sphere,) = machine.plant.GetCollisionGeometriesForBody(roller)
         radius = inspector.GetShape(sphere).radius()
-        assert radius == MODEL_GEOMETRY.foot_radius
+        assert radius == DRAWN.foot_radius
         X_GS = query.GetPoseInWorld(plane).inverse() @ query.GetPoseInWorld(sphere)
         distances.append(X_GS.translation()[2] - radius)
     return np.array(distances)
@@ -298,7 +283,7 @@ def ground_distances(machine):
 
 def test_standing_platform_touches_the_inclined_ground_with_all_rollers(machine):
     rng = np.random.default_rng(7)
-    wide = replace(MODEL_GEOMETRY, extension_min=0.37, extension_max=0.45)
+    wide = replace(DRAWN, extension_min=0.37, extension_max=0.45)
     for ground in rng.uniform(-0.087, 0.087, (10, 2)):
         posture = (*rng.uniform(-0.02, 0.02, 2), 0.475)
         extension = inverse_kinematics(wide, posture, ground)
@@ -312,13 +297,13 @@ def test_standing_platform_touches_the_inclined_ground_with_all_rollers(machine)
 
 def test_contact_pairs_on_a_slope_have_the_slopes_normal(machine):
     ground = (0.04, -0.06)
-    wide = replace(MODEL_GEOMETRY, extension_min=0.37, extension_max=0.45)
+    wide = replace(DRAWN, extension_min=0.37, extension_max=0.45)
     extension = inverse_kinematics(wide, (0.0, 0.0, 0.475), ground)
     machine.stand(extension, ground)
     machine.plant.SetPositions(
         machine.context,
         machine.model.positions(
-            extension - 1e-5, forward_kinematics(MODEL_GEOMETRY, extension, ground), ground, (0, 0)
+            extension - 1e-5, forward_kinematics(DRAWN, extension, ground), ground, (0, 0)
         ),
     )
     n = RollPitchYaw(*ground, 0.0).ToRotationMatrix().matrix()[:, 2]
@@ -353,8 +338,8 @@ def test_wheels_reach_the_ground_at_the_lowest_supported_pose(machine):
 
 
 def test_model_geometry_is_the_papers_with_rollers():
-    assert replace(MODEL_GEOMETRY, foot_radius=0.0) == PlatformGeometry()
-    assert MODEL_GEOMETRY.foot_radius == 0.025
+    assert replace(DRAWN, foot_radius=0.0) == PlatformGeometry()
+    assert DRAWN.foot_radius == 0.025
 
 
 def test_every_moving_part_is_drawn(full):

@@ -87,8 +87,7 @@ from parapod.systems.levelling_platform.calibration.predict import (
     cross_validate,
 )
 from parapod.systems.levelling_platform.calibration.solve import Calibration, calibrate
-from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.systems.levelling_platform.geometry import ANGLES, LEG_COUNT, PlatformGeometry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,7 +138,7 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
 
     def machine_scenario(self, scenario: CalibrateScenario) -> LevellingScenario:
         """The machine on its feet, for its emulation."""
-        return scenario.machine
+        return scenario.levelling
 
     def check(self, scenario: CalibrateScenario) -> None:
         """Refuses what a real machine cannot do, and a file that would be lost.
@@ -193,7 +192,7 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
         def write(recording: PoseRecording) -> None:
             self.write_log(path, scenario, *pose_signals(recording))
 
-        record_poses(scenario, scenario.machine, answers, write, runner)
+        record_poses(scenario, scenario.levelling, answers, write, runner)
 
     def logged(self, scenario: CalibrateScenario, data: Identified) -> Logged:
         """The poses."""
@@ -221,11 +220,11 @@ class Calibrate(Experiment[CalibrateScenario, Identified]):
 
     def draw(self, scenario: CalibrateScenario, data: Identified) -> Iterable[Figure]:
         """Parameters and residuals."""
-        tolerance = scenario.tolerances.tolerances.of_parameters(MODEL_GEOMETRY)
+        tolerance = scenario.tolerances.tolerances.of_parameters(scenario.machine.geometry)
         truth = None
         if (machine := data.machine) is not None:
             truth = equivalent_parameters(
-                machine.geometry, MODEL_GEOMETRY, machine.offsets, machine.bias
+                machine.geometry, scenario.machine.geometry, machine.offsets, machine.bias
             )
             truth[GROUND] = scenario.ground.inclination
         return figures(data.calibration, tolerance, truth, data.comparison)
@@ -255,23 +254,29 @@ def _of_simulation(scenario: CalibrateScenario) -> Identified:
     random = np.random.default_rng(scenario.seed)
     machine = draw_machine(scenario, random)
     poses, unused = record(scenario, machine, random)
-    calibration = calibrate(poses.recording, MODEL_GEOMETRY, scenario.tolerances.tolerances)
+    drawing = scenario.machine.geometry
+    calibration = calibrate(poses.recording, drawing, scenario.tolerances.tolerances)
     # Attitudes that a noise-free, corrected inertial sensor shows.
     postures = unused.posture.copy()
     postures[:, :2] += machine.bias - calibration.bias
     return Identified(
         poses.recording,
         calibration,
-        _predict(calibration, unused, unused.posture),
+        _predict(calibration, drawing, unused, unused.posture),
         f"{len(unused.recording)} other poses, against the truth",
         machine,
-        _predict(calibration, unused, postures),
+        _predict(calibration, drawing, unused, postures),
     )
 
 
-def _predict(calibration: Calibration, poses: SimulatedPoses, posture: Floats) -> Comparison:
+def _predict(
+    calibration: Calibration,
+    drawing: PlatformGeometry,
+    poses: SimulatedPoses,
+    posture: Floats,
+) -> Comparison:
     """Predicts poses on ground that is known."""
-    return compare(calibration, MODEL_GEOMETRY, poses.recording, posture, poses.ground)
+    return compare(calibration, drawing, poses.recording, posture, poses.ground)
 
 
 def _of_recording(scenario: CalibrateScenario) -> Identified:
@@ -279,8 +284,8 @@ def _of_recording(scenario: CalibrateScenario) -> Identified:
     tolerances = scenario.tolerances.tolerances
     return Identified(
         recording,
-        calibrate(recording, MODEL_GEOMETRY, tolerances),
-        cross_validate(recording, MODEL_GEOMETRY, tolerances),
+        calibrate(recording, scenario.machine.geometry, tolerances),
+        cross_validate(recording, scenario.machine.geometry, tolerances),
         f"{len(recording)} poses held out, against what was measured in them",
     )
 

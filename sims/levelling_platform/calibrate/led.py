@@ -18,7 +18,6 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import add
 from parapod.sims.lab.runner import Runner
@@ -219,7 +218,7 @@ class PoseWatch(LegWatch):
         extension, attitude, contact = self._averaged
         control = self._loop.scenario.control
         height = forward_kinematics(
-            geometry_as_known(control),
+            self._loop.scenario.geometry_as_known,
             extension + control.encoder_offsets,
             self._scenario.ground.inclination,
             (0, 1, 2),
@@ -284,9 +283,10 @@ def ask_for(hand: Diagram, root: Context, extension: Floats, is_led: bool) -> No
 def pose_commands(scenario: CalibrateScenario, machine: LevellingScenario) -> Floats:
     """Extensions (n, 4) of the poses, as the encoders have to tell them [m]."""
     control = machine.control
-    geometry, ground = geometry_as_known(control), scenario.ground.inclination
+    geometry, ground = machine.geometry_as_known, scenario.ground.inclination
     random = np.random.default_rng(scenario.seed)
-    active = spread_commands(scenario.poses.count, int(random.integers(2**31)))
+    start = int(random.integers(2**31))
+    active = spread_commands(scenario.machine.geometry, scenario.poses.count, start)
     standing = np.column_stack([active, active[:, 0]])
     posture = forward_kinematics(geometry, standing, ground, (0, 1, 2))
     passive = passive_extension(geometry, active, ground, posture[:, :2])

@@ -20,7 +20,6 @@ from parapod.systems.levelling_platform.geometry import (
     drawn_deviations,
 )
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, passive_extension
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 type Floats = NDArray[np.float64]
 
@@ -72,7 +71,7 @@ def draw_machine(scenario: CalibrateScenario, random: np.random.Generator) -> Ma
     tolerances = scenario.tolerances.tolerances
     deviations = drawn_deviations(random, tolerances.length, tolerances.angle)
     return Machine(
-        replace(MODEL_GEOMETRY, deviations=deviations),
+        replace(scenario.machine.geometry, deviations=deviations),
         tolerances.offset * random.uniform(-1.0, 1.0, LEG_COUNT),
         tolerances.bias * random.uniform(-1.0, 1.0, 2),
     )
@@ -87,8 +86,9 @@ def record(
     the passive leg is lowered until its foot touches: all four feet stand.
     """
     poses = scenario.poses
-    design = spread_commands(poses.count, int(random.integers(2**31)))
-    commands = np.vstack([design, drawn_commands(poses.validation, random)])
+    drawing = scenario.machine.geometry
+    design = spread_commands(drawing, poses.count, int(random.integers(2**31)))
+    commands = np.vstack([design, drawn_commands(drawing, poses.validation, random)])
     turns = np.radians(poses.turns_deg or [0.0])
     heading = turns[np.arange(len(commands)) % len(turns)]
     ground = ground_in_heading(scenario.ground.inclination, heading)
@@ -130,19 +130,20 @@ def _measured(
     )
 
 
-def spread_commands(count: int, start: int) -> Floats:
+def spread_commands(geometry: PlatformGeometry, count: int, start: int) -> Floats:
     """Extensions of the active legs (count, 3) that lie far apart in the reachable workspace [m].
 
     Each is the one of a grid that is farthest, in the extensions of all four legs, from those
     before it: corners of the workspace first, then its faces and its inside.
 
     Args:
+        geometry: the platform as drawn.
         count: number of them.
         start: first one of the grid, modulo their number.
     """
-    stroke = np.linspace(MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max, _GRID)
+    stroke = np.linspace(geometry.extension_min, geometry.extension_max, _GRID)
     grid = np.stack(np.meshgrid(stroke, stroke, stroke), axis=-1).reshape(-1, 3)
-    extension = _reachable(grid)
+    extension = _reachable(geometry, grid)
     chosen = [start % len(extension)]
     distance = np.full(len(extension), np.inf)
     while len(chosen) < count:
@@ -151,18 +152,18 @@ def spread_commands(count: int, start: int) -> Floats:
     return extension[chosen, :3]
 
 
-def drawn_commands(count: int, random: np.random.Generator) -> Floats:
+def drawn_commands(geometry: PlatformGeometry, count: int, random: np.random.Generator) -> Floats:
     """Extensions of the active legs (count, 3), uniform over the reachable workspace [m]."""
-    low, high = MODEL_GEOMETRY.extension_min, MODEL_GEOMETRY.extension_max
+    low, high = geometry.extension_min, geometry.extension_max
     commands = np.empty((0, LEG_COUNT))
     while len(commands) < count:
-        commands = np.vstack([commands, _reachable(random.uniform(low, high, (2 * count, 3)))])
+        candidates = random.uniform(low, high, (2 * count, 3))
+        commands = np.vstack([commands, _reachable(geometry, candidates)])
     return commands[:count, :3]
 
 
-def _reachable(active: Floats) -> Floats:
+def _reachable(nominal: PlatformGeometry, active: Floats) -> Floats:
     """Extensions of all legs (m, 4) where the passive one has stroke left, by the drawing [m]."""
-    nominal = MODEL_GEOMETRY
     standing = np.column_stack([active, active[:, 0]])
     posture = forward_kinematics(nominal, standing, _LEVEL, (0, 1, 2))
     passive = passive_extension(nominal, active, _LEVEL, posture[:, :2])
@@ -219,7 +220,7 @@ def read_recording(path: Path, scenario: CalibrateScenario) -> PoseRecording:
         )
     except ValueError as error:
         raise _unusable(path, str(error)) from None
-    _check_plausible(path, recording)
+    _check_plausible(path, recording, scenario.machine.geometry)
     if recording.ground is None and scenario.ground.known:
         ground = ground_in_heading(scenario.ground.inclination, recording.turned)
         recording = replace(recording, ground=ground)
@@ -240,9 +241,9 @@ def _column(
     return column.reshape(n) if width == 1 else column
 
 
-def _check_plausible(path: Path, recording: PoseRecording) -> None:
+def _check_plausible(path: Path, recording: PoseRecording, geometry: PlatformGeometry) -> None:
     """Refuses numbers that no platform has, most likely in other units."""
-    leg = MODEL_GEOMETRY.legs[0]
+    leg = geometry.legs[0]
     low, high = leg.l_4 - leg.l_3, leg.l_4 + leg.l_3
     outside = ~((recording.extension > low) & (recording.extension < high))
     if outside.any():

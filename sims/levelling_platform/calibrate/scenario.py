@@ -1,18 +1,18 @@
 """Scenario of a calibration; `parapod scenario calibrate` explains it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.design import PlatformDesign, SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     ControlScenario,
     GroundScenario,
     JobScenario,
     LevellingScenario,
     PlantScenario,
-    SensorScenario,
     emulated_hardware,
 )
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -21,7 +21,6 @@ from parapod.systems.levelling_platform.calibration.equations import (
 )
 from parapod.systems.levelling_platform.calibration.poses import MeasurementNoise
 
-_MIDDLE = 405.0  # extension at which a simulated machine begins [mm]
 # Floor of the measurements' standard deviations [m, rad]: below it the squares of errors, which
 # least squares leaves out, are larger than the errors.
 _FINEST = 1e-6
@@ -164,6 +163,7 @@ class CalibrateScenario(Schema):
         backend: stand-in for the machine: "kinematic", the closed forms; or the real machine,
             "hardware".
         seed: seed of the machine, the poses and the noise.
+        machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
         recording: file with recorded poses; empty for simulated ones.
         poses: see `PosesScenario`.
         tolerances: see `ToleranceScenario`.
@@ -176,6 +176,7 @@ class CalibrateScenario(Schema):
 
     backend: str = choice("kinematic", ("kinematic", "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
+    machine: PlatformDesign = field(default_factory=PlatformDesign)
     recording: str = ""
     poses: PosesScenario = field(default_factory=PosesScenario)
     tolerances: ToleranceScenario = field(default_factory=ToleranceScenario)
@@ -186,9 +187,11 @@ class CalibrateScenario(Schema):
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
-    def machine(self) -> LevellingScenario:
+    def levelling(self) -> LevellingScenario:
         """The machine on its feet; the legs of a simulated one are as the tolerances allow."""
         tolerances, ground = self.tolerances, self.ground
+        sensors = SensorScenario(encoder_resolution_mm=self.noise.encoder_resolution_mm)
+        low, high = self.machine.geometry.extension_min, self.machine.geometry.extension_max
         return LevellingScenario(
             backend=self.backend,
             seed=self.seed,
@@ -197,8 +200,8 @@ class CalibrateScenario(Schema):
                 length_error_mm=tolerances.length_error_mm,
                 angle_error_deg=tolerances.angle_error_deg,
             ),
-            sensors=SensorScenario(encoder_resolution_mm=self.noise.encoder_resolution_mm),
+            machine=replace(self.machine, sensors=sensors),
             control=self.control,
-            job=JobScenario(initial_extension_mm=_MIDDLE),
+            job=JobScenario(initial_extension_mm=500.0 * (low + high)),
             hardware=self.hardware,
         )

@@ -37,16 +37,19 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.design import (
+    ActuatorScenario,
+    PlatformDesign,
+    SensorScenario,
+)
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     BODIES,
     SIMULATED,
-    ActuatorScenario,
     ControlScenario,
     JobScenario,
     LevellingScenario,
     PlantScenario,
-    SensorScenario,
     emulated_hardware,
 )
 from parapod.diagrams.plots import Limits
@@ -54,7 +57,7 @@ from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.runner import Runner
-from parapod.sims.levelling_platform.identify.measured import LIFTED, record_in_turn
+from parapod.sims.levelling_platform.identify.measured import record_in_turn
 from parapod.sims.levelling_platform.identify.steps import (
     FEWEST_SAMPLES,
     NOMINAL,
@@ -80,7 +83,6 @@ from parapod.systems.sensors.encoder import Encoder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-STROKE = (0.385, 0.425)  # stroke in which the feet carry and the leg model holds [m]
 CASES = ("unloaded", "loaded")
 SHARE = 0.15  # largest deviation from the nominal K that the paper found
 # A load that moves from leg to leg during the steps is not a constant friction; over gain errors
@@ -94,8 +96,8 @@ _MARKERS = ("o", "x")
 _ASIDE = (-0.1, 0.1)
 
 
-def _similar_actuators() -> ActuatorScenario:
-    return ActuatorScenario(gain_error=0.025)
+def _similar_actuators() -> PlatformDesign:
+    return PlatformDesign(actuators=ActuatorScenario(gain_error=0.025))
 
 
 @dataclass
@@ -107,7 +109,7 @@ class IdentifyActuatorsScenario(Schema):
     and the legs' differences together. Friction and load alone take 11.2 % of the smallest step
     that lifts, and unequal legs share the load unequally. With gains that are off by up to 3 % the
     largest deviation of 200 seeds is 14.9 %, with 4 % one seed in twelve exceeds 15 %:
-    `actuators.gain_error` is 0.025.
+    `machine.actuators.gain_error` is 0.025.
 
     Attributes:
         backend: plant that carries the load: "multibody" or "mujoco" (rigid bodies), or
@@ -115,23 +117,25 @@ class IdentifyActuatorsScenario(Schema):
         seed: seed of the errors of gains and dimensions.
         steps: see `StepsScenario`.
         plant: see `PlantScenario`; it carries the load.
-        actuators: see `ActuatorScenario`.
+        machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
         encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
         control: see `ControlScenario`; it leads a real machine's legs to the ground.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
+    moved = {"actuators": "machine.actuators"}  # noqa: RUF012
+
     backend: str = choice("multibody", (*SIMULATED, "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
     steps: StepsScenario = field(default_factory=StepsScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
-    actuators: ActuatorScenario = field(default_factory=_similar_actuators)
+    machine: PlatformDesign = field(default_factory=_similar_actuators)
     encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
     control: ControlScenario = field(default_factory=ControlScenario)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
-    def machine(self) -> LevellingScenario:
+    def levelling(self) -> LevellingScenario:
         """The machine on level ground, on its feet."""
         sensors = SensorScenario(encoder_resolution_mm=self.encoder_resolution_mm)
         return on_level_ground(self, sensors, self.steps.initial_extension_mm)
@@ -139,7 +143,7 @@ class IdentifyActuatorsScenario(Schema):
     @property
     def on_wheels(self) -> LevellingScenario:
         """The machine on level ground, on its wheels with the legs lifted."""
-        return replace(self.machine, job=JobScenario(start="wheels"))
+        return replace(self.levelling, job=JobScenario(start="wheels"))
 
 
 @dataclass(frozen=True)
@@ -236,7 +240,7 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
         unloaded, loaded = data.steps
         yield from gain_metrics(unloaded, loaded, is_bounded=scenario.backend in BODIES)
         yield from separated_metrics(data.separated, data.recordings.gain)
-        yield from stroke_metrics(data.recordings)
+        yield from stroke_metrics(data.recordings, scenario.machine)
 
     def identified(
         self, scenario: IdentifyActuatorsScenario, data: Identified
@@ -270,8 +274,8 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
         key = f"steps.voltages.{i}"
         if voltage == 0.0:
             raise ScenarioError(f"{key} = 0 is not a step", key)
-        if abs(voltage) > scenario.actuators.supply_voltage:
-            supply = scenario.actuators.supply_voltage
+        if abs(voltage) > scenario.machine.actuators.supply_voltage:
+            supply = scenario.machine.actuators.supply_voltage
             raise ScenarioError(f"{key} = {voltage:g} V is above the supply, {supply:g} V", key)
         lasts = step_duration(steps, voltage)
         if lasts - steps.transient_s < FEWEST_SAMPLES * steps.period:
@@ -279,10 +283,10 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
             raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
         is_real = scenario.backend == "hardware"
         extension += NOMINAL * voltage * (lasts + steps.edge_s if is_real else lasts)
-        _check_within(key, voltage, extension, STROKE)
+        _check_within(key, voltage, extension, scenario.machine.standing_stroke)
         if is_real:
             lifted = extension + 1e-3 * (steps.lifted_extension_mm - steps.initial_extension_mm)
-            _check_within(key, voltage, lifted, LIFTED)
+            _check_within(key, voltage, lifted, scenario.machine.lifted_stroke)
     # K and friction are separable only if one direction has two voltages.
     if len(set(steps.voltages)) == len(set(np.sign(steps.voltages))):
         why = "has one voltage a direction, which does not tell K from friction"
@@ -299,7 +303,7 @@ def _check_within(key: str, voltage: float, extension: float, stroke: tuple[floa
 
 def record(scenario: IdentifyActuatorsScenario, runner: Runner) -> Recordings:
     """Runs both cases."""
-    station = Station(PLATFORM, scenario.machine)
+    station = Station(PLATFORM, scenario.levelling)
     context = station.CreateDefaultContext()
     actuators: Any = station.GetSubsystemByName("linear_actuator")
     parameters = actuators.GetMyContextFromRoot(context).get_numeric_parameter(0).CopyToVector()
@@ -444,19 +448,24 @@ def separated_metrics(
     )
 
 
-def stroke_metrics(recordings: Recordings) -> tuple[Metric, ...]:
-    """Measure how far legs and platform went."""
+def stroke_metrics(recordings: Recordings, machine: PlatformDesign) -> tuple[Metric, ...]:
+    """Measure how far legs and platform went.
+
+    Args:
+        recordings: recordings of both cases.
+        machine: the platform.
+    """
     both = [recordings.unloaded.extension, recordings.loaded.extension]
     lifted = []
     if recordings.gain is None:  # a real machine, whose legs are lifted without load
         ends = [1e3 * float(end) for end in (both[0].min(), both[0].max())]
-        lowest, highest = (1e3 * limit for limit in LIFTED)
+        lowest, highest = (1e3 * limit for limit in machine.lifted_stroke)
         lifted = [
             Metric("smallest_lifted_extension_mm", ends[0], "mm", at_least=lowest),
             Metric("largest_lifted_extension_mm", ends[1], "mm", highest),
         ]
         del both[0]
-    low, high = (1e3 * limit for limit in STROKE)
+    low, high = (1e3 * limit for limit in machine.standing_stroke)
     metrics = [
         Metric(
             "smallest_extension_mm",
@@ -597,9 +606,10 @@ def _notes(scenario: IdentifyActuatorsScenario, data: Identified) -> tuple[str, 
         last = f"K of legs 1 to 4 with friction separated, without load: {gains} (m/s)/V"
     else:
         last = (
-            f"Gains are off by up to {100 * scenario.actuators.gain_error:g} %, drawn from the "
-            "seed; from 4 % on, K of the smallest steps may miss the paper's 15 %, of which "
-            "friction and load take most."
+            "Gains are off by up to "
+            f"{100 * scenario.machine.actuators.gain_error:g} %, drawn from the seed; "
+            "from 4 % on, K of the smallest steps may miss the paper's 15 %, of which friction "
+            "and load take most."
         )
     return (
         "K of a step falls short of the true one by friction and load, which take the same "

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.runner import Runner
@@ -42,11 +43,12 @@ class _Timeline:
         loaded: beginning and end of the steps with load [s].
     """
 
-    def __init__(self, steps: StepsScenario):
+    def __init__(self, steps: StepsScenario, machine: PlatformDesign):
         lasts = eased_schedule(steps).end_time()
         self.lift = AT_REST
         lifted = 1e-3 * steps.lifted_extension_mm
-        farthest = max(LIFTED[1] - lifted, lifted - LIFTED[0])
+        low, high = machine.lifted_stroke
+        farthest = max(high - lifted, lifted - low)
         begin = self.lift + easing_time(farthest, _LIFTING) + _SETTLE
         self.unloaded = begin, begin + lasts
         # What the steps leave the legs off is eased first.
@@ -86,7 +88,7 @@ class _StepsWatch(LegWatch):
 
     def check_beginning(self) -> None:
         """See `LegWatch`."""
-        low, high = (1e3 * limit for limit in LIFTED)
+        low, high = (1e3 * limit for limit in self.machine.lifted_stroke)
         for leg, (length, touches) in enumerate(
             zip(1e3 * self.newest("legs.extension"), self.touching, strict=True)
         ):
@@ -129,7 +131,7 @@ def record_in_turn(
         RefusedRequest: it is not on its wheels with the legs lifted; nothing has moved.
         Tripped: it tilts, or its guard has found what cannot be.
     """
-    timeline = _Timeline(steps)
+    timeline = _Timeline(steps, machine.machine)
     sources = partial(timeline.sources, steps)
     job = LegJob(runner.name, sources, timeline.loaded[1], _LIFTING, has_voltage=True)
     watch = carry_out(job, machine, runner, _StepsWatch)

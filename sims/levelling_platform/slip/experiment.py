@@ -37,7 +37,6 @@ from dataclasses import dataclass, replace
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
-    SensorScenario,
 )
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.runner import Runner
@@ -65,7 +64,6 @@ from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError, UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 _NOTES = (
     "The creep is the solver's: its friction is regularised, so that a foot under a tangential "
@@ -107,7 +105,9 @@ class Slip(Experiment[SlipScenario, Slipped]):
 
     def machine_scenario(self, scenario: SlipScenario) -> LevellingScenario:
         """The machine with sensors as they are, for its emulation."""
-        return replace(scenario.machine, sensors=SensorScenario())
+        levelling = scenario.levelling
+        machine = replace(levelling.machine, sensors=scenario.machine.sensors)
+        return replace(levelling, machine=machine)
 
     def check(self, scenario: SlipScenario) -> None:
         """Refuses a height that the legs do not reach.
@@ -115,11 +115,12 @@ class Slip(Experiment[SlipScenario, Slipped]):
         Raises:
             ScenarioError: names the key.
         """
-        key, height = "lift.height_mm", scenario.lift.height_mm
+        key, height = "lift.height_mm", scenario.height
         try:
-            inverse_kinematics(MODEL_GEOMETRY, (0.0, 0.0, 1e-3 * height), LEVEL)
+            inverse_kinematics(scenario.machine.geometry, (0.0, 0.0, height), LEVEL)
         except UnreachablePosture as error:
-            raise ScenarioError(f"{key} = {height:g} is out of reach: {error}", key) from error
+            words = f"{key} = {1e3 * height:g} is out of reach: {error}"
+            raise ScenarioError(words, key) from error
 
     def run(self, scenario: SlipScenario, runner: Runner) -> Slipped:
         """Lifts and swings on level ground, then stands still on a slope.
@@ -129,7 +130,7 @@ class Slip(Experiment[SlipScenario, Slipped]):
         """
         if scenario.backend == "hardware":
             times = Times.from_scenario(scenario, BEGIN)
-            machine = scenario.machine
+            machine = scenario.levelling
             return Slipped(measure_lift(scenario, machine, times, runner), [])
         recording = lift_and_swing(scenario, runner)
         return Slipped(recording, [creep(scenario, step, runner) for step in CREEP_STEPS])

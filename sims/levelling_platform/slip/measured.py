@@ -39,9 +39,7 @@ if TYPE_CHECKING:
 from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
-from parapod.diagrams.levelling_platform.model import geometry_as_known
 from parapod.sims.levelling_platform.leg_job import (
-    STANDING,
     LegJob,
     LegWatch,
     carry_out,
@@ -92,8 +90,8 @@ class Times:
             scenario: its own times count from where the legs have been brought.
             rest: time at rest before the lift in the scenario [s].
         """
-        low, high = STANDING
-        start = 1e-3 * scenario.lift.initial_extension_mm
+        low, high = scenario.machine.standing_stroke
+        start = scenario.levelling.initial_extension
         begin = AT_REST + easing_time(max(start - low, high - start), _RATE) + _SETTLE
         return cls(
             begin,
@@ -197,7 +195,7 @@ def measure_lift(
     return Measured(
         times,
         has_arm(machine),
-        geometry_as_known(control),
+        machine.geometry_as_known,
         control.period * np.arange(len(watch.rows["t"]), dtype=float),
         watch.column("legs.extension") + control.encoder_offsets,
         watch.column("attitude_estimated"),
@@ -263,7 +261,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
     height = float(forward_kinematics(data.geometry, data.extension[at], LEVEL)[2])
     yield Metric(
         "lift_height_error_mm",
-        1e3 * height - scenario.lift.height_mm,
+        1e3 * height - 1e3 * scenario.height,
         "mm",
         HEIGHT_BOUND,
         meaning="error of the height when the arm begins to swing, by the encoders",

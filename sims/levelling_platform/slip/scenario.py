@@ -6,20 +6,20 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.design import PlatformDesign, SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
-    ActuatorScenario,
     ControlScenario,
     LevellingScenario,
     PlantScenario,
-    SensorScenario,
     emulated_hardware,
 )
 from parapod.sims.levelling_platform.leg_job import on_level_ground
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
+# Share of the way from the lowest to the highest posture to which the legs lift [-].
+_HIGH = 0.73
 BEGIN = 0.5  # at rest before the lift, and before the creep counts [s]
 LEVEL = (0.0, 0.0)  # roll and pitch of the ground [rad]
 # Bounds: error of the height, and slip while the legs lift, which is the curve of the feet [mm].
@@ -31,16 +31,18 @@ class LiftScenario(Schema):
     """The lift, at level attitude.
 
     Attributes:
-        initial_extension_mm: extension of all legs at the beginning [mm].
-        height_mm: height at the end, above the ground's plane [mm].
+        initial_extension_mm: extension of all legs at the beginning [mm]; null: two thirds of the
+            stroke.
+        height_mm: height at the end, above the ground's plane [mm]; null: 73 % of the way from the
+            lowest posture to the highest.
         duration: duration of the lift [s].
         settle: time from the end of the lift until the actuators are braked, so that they arrive
             first [s].
         rest: time with braked actuators until the arm swings [s].
     """
 
-    initial_extension_mm: float = quantity(410.0, 390.0, 420.0)
-    height_mm: float = quantity(520.0, 395.0, 600.0)
+    initial_extension_mm: float | None = quantity(None, 0.1, 20_000.0)
+    height_mm: float | None = quantity(None, 0.0, 20_000.0)
     duration: float = quantity(4.0, 0.5, 60.0)
     settle: float = quantity(1.0, 0.0, 60.0)
     rest: float = quantity(1.0, 0.1, 60.0)
@@ -88,10 +90,12 @@ class SlipScenario(Schema):
         arm: see `SwingScenario`.
         creep: see `CreepScenario`.
         plant: see `PlantScenario`; the creep is measured at time steps of its own.
-        actuators: see `ActuatorScenario`.
+        machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
         control: see `ControlScenario`; its position controllers lift the platform.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
+
+    moved = {"actuators": "machine.actuators"}  # noqa: RUF012
 
     backend: str = choice("multibody", ("multibody", "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
@@ -99,15 +103,21 @@ class SlipScenario(Schema):
     arm: SwingScenario = field(default_factory=SwingScenario)
     creep: CreepScenario = field(default_factory=CreepScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
-    actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
+    machine: PlatformDesign = field(default_factory=PlatformDesign)
     control: ControlScenario = field(default_factory=ControlScenario)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
-    def machine(self) -> LevellingScenario:
+    def levelling(self) -> LevellingScenario:
         """The machine with perfect sensors on level ground."""
         perfect = SensorScenario(0.0, False, 0.0, 0.0, 0.0)
         return on_level_ground(self, perfect, self.lift.initial_extension_mm)
+
+    @property
+    def height(self) -> float:
+        """Height at the end of the lift [m]."""
+        height = self.lift.height_mm
+        return self.machine.height_at(_HIGH) if height is None else 1e-3 * height
 
     @property
     def braked_at(self) -> float:
@@ -131,13 +141,14 @@ def lift_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
     Raises:
         UnreachablePosture: a height outside the stroke.
     """
-    start = np.full(LEG_COUNT, 1e-3 * scenario.lift.initial_extension_mm)
-    low = forward_kinematics(MODEL_GEOMETRY, start, LEVEL)[2]
-    high = 1e-3 * scenario.lift.height_mm
+    geometry = scenario.machine.geometry
+    start = np.full(LEG_COUNT, scenario.levelling.initial_extension)
+    low = forward_kinematics(geometry, start, LEVEL)[2]
+    high = scenario.height
     times = np.linspace(0.0, 1.0, 21)
     heights = low + (high - low) * times**2 * (3.0 - 2.0 * times)
     postures = np.column_stack([np.zeros((times.size, 2)), heights])
-    extensions = inverse_kinematics(MODEL_GEOMETRY, postures, LEVEL)
+    extensions = inverse_kinematics(geometry, postures, LEVEL)
     knots = [0.0, *(BEGIN + scenario.lift.duration * times), scenario.end + 1.0]
     values = [row[:, None] for row in (extensions[0], *extensions, extensions[-1])]
     return PiecewisePolynomial.CubicShapePreserving(knots, values, True)

@@ -34,7 +34,6 @@ from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import normal_of
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ def lift_and_swing(scenario: SlipScenario, runner: Runner) -> Recording:
         UnreachablePosture: a height outside the stroke.
     """
     builder = DiagramBuilder()
-    station = add(builder, Station(PLATFORM, scenario.machine))
+    station = add(builder, Station(PLATFORM, scenario.levelling))
     _add_lift(builder, station, scenario)
     arm = add(builder, TrajectorySource(swing_trajectory(scenario)), "arm")
     connect(builder, arm.get_output_port(), station.GetInputPort("arm.position_command"))
@@ -100,7 +99,7 @@ def lift_and_swing(scenario: SlipScenario, runner: Runner) -> Recording:
 def creep(scenario: SlipScenario, time_step: float, runner: Runner) -> float:
     """Speed of the support points while everything stands still on inclined ground [m/s]."""
     inclined = replace(
-        scenario.machine,
+        scenario.levelling,
         ground=GroundScenario(0.0, scenario.creep.pitch_deg),
         plant=replace(scenario.plant, time_step=time_step),
     )
@@ -119,7 +118,7 @@ def _add_lift(
     Their integral action takes up friction and load, with which a proportional law stays below
     the commanded height.
     """
-    settings = scenario.machine
+    settings = scenario.levelling
     pi = add(builder, PiController(pi_params(settings), period=settings.control.period))
     lift = TrajectorySource(lift_trajectory(scenario), output_derivative_order=1)
     control = TrajectorySource(control_trajectory(scenario))
@@ -154,7 +153,7 @@ def _monitor(
     model = station.behind.handle_as(Simulation).model
     assert model is not None
     rollers = model.leg_bodies("roller")
-    below = MODEL_GEOMETRY.foot_radius * normal
+    below = model.geometry.foot_radius * normal
     ports = [station.GetOutputPort(f"truth.{name}") for name in ("posture", "extension")]
     due = 0.0
 
@@ -221,7 +220,7 @@ def lift_metrics(scenario: SlipScenario, recording: Recording) -> tuple[Metric, 
     return (
         Metric(
             "lift_height_error_mm",
-            reached - scenario.lift.height_mm,
+            reached - 1e3 * scenario.height,
             "mm",
             HEIGHT_BOUND,
             meaning="error of the height when the arm begins to swing",

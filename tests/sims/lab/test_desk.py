@@ -161,7 +161,7 @@ def test_a_page_that_cannot_begin_says_why():
 
 def test_the_twin_stands_on_wheels_or_feet_as_it_measures():
     meshcat = Meshcat()
-    twin = PlatformTwin(meshcat, DeployScenario().machine)
+    twin = PlatformTwin(meshcat, DeployScenario().levelling)
     on_wheels = SIGNALS | {
         "legs.extension": np.full(4, 0.45),
         "attitude_estimated": np.array([0.02, 0.03]),

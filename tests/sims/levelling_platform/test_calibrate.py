@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.sims.levelling_platform.calibrate.recording import (
     drawn_commands,
     read_recording,
@@ -60,11 +61,11 @@ def test_unknown_ground_is_found_by_turning_on_it(execute):
 
 
 def test_commanded_poses_are_different_and_use_the_whole_stroke():
-    design = spread_commands(30, 7)
+    design = spread_commands(DRAWN, 30, 7)
     assert len(np.unique(design, axis=0)) == 30
     assert (design.min(axis=0) == 0.39).all()
     assert (design.max(axis=0) == 0.42).all()
-    drawn = drawn_commands(200, np.random.default_rng(0))
+    drawn = drawn_commands(DRAWN, 200, np.random.default_rng(0))
     assert drawn.shape == (200, 3)
     for commands in (design, drawn):
         assert commands.min() >= 0.39

@@ -67,12 +67,16 @@ def test_a_direction_without_steps_takes_nothing_from_the_gain():
 
 def drawn_gains(scenario):
     """Gains that the machine's reset draws."""
-    error = scenario.actuators.gain_error
+    error = scenario.machine.actuators.gain_error
     return 0.01 * (1.0 + np.random.default_rng(scenario.seed).uniform(-error, error, 4))
 
 
 def test_both_cases_have_the_gains_that_the_seed_draws():
-    coarse = ("plant.leg_model=reduced", "plant.time_step=0.01", "actuators.coulomb_friction=0")
+    coarse = (
+        "plant.leg_model=reduced",
+        "plant.time_step=0.01",
+        "machine.actuators.coulomb_friction=0",
+    )
     scenario = scenario_with(*coarse, "seed=3", "encoder_resolution_mm=0")
     recordings = record(scenario, Runner("", RunOptions(console=Console(quiet=True))))
     assert np.allclose(recordings.gain, drawn_gains(scenario), rtol=1e-12)

@@ -9,8 +9,10 @@ from rich.console import Console
 
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.guard import Tripped
+from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
-from parapod.diagrams.levelling_platform.scenario import JobScenario, SensorScenario
+from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.scenario import JobScenario
 from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.calibrate import led
 from parapod.sims.levelling_platform.calibrate.experiment import Calibrate, identified_values
@@ -42,7 +44,6 @@ from parapod.sims.output.options import RunOptions
 from parapod.systems.core.errors import OutputError, RefusedRequest, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.calibration.solve import calibrate
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 QUICK = ("steps.lowering_mm_s=6",)
 
@@ -56,7 +57,7 @@ def identify(*overrides):
 
 
 def true_gains(scenario):
-    error = scenario.actuators.gain_error
+    error = scenario.machine.actuators.gain_error
     return 0.01 * (1.0 + np.random.default_rng(scenario.seed).uniform(-error, error, 4))
 
 
@@ -84,7 +85,7 @@ class GuardedSteps(Guarded, measured._StepsWatch):
 @pytest.fixture(scope="module")
 def identified():
     """A run with gains that are off by up to 15 %, under the guard."""
-    scenario = identify(*QUICK, "actuators.gain_error=0.15")
+    scenario = identify(*QUICK, "machine.actuators.gain_error=0.15")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measured, "_StepsWatch", GuardedSteps)
         pair = record_in_turn(scenario.steps, scenario.on_wheels, quiet_bench("x", scenario))
@@ -195,7 +196,11 @@ def slip(*overrides):
 def lifted():
     """A lift as a real machine measures it, on the kinematic plant."""
     scenario = slip()
-    machine = replace(scenario.machine, backend="kinematic", sensors=SensorScenario())
+    machine = replace(
+        scenario.levelling,
+        backend="kinematic",
+        machine=replace(scenario.machine, sensors=SensorScenario()),
+    )
     times = Times.from_scenario(scenario, BEGIN)
     return scenario, measure_lift(scenario, machine, times, quiet_bench("x", scenario))
 
@@ -237,7 +242,7 @@ def test_a_platform_that_drifts_as_a_whole_is_said_to_be_unseen(lifted):
 
 def test_without_an_arm_the_swing_s_metrics_are_left_out(lifted):
     scenario, data = lifted
-    hardware = slip("backend=hardware").machine
+    hardware = slip("backend=hardware").levelling
     assert any(isinstance(driver, NotFittedPart) for driver in hardware.hardware.drivers)
     assert not has_arm(hardware)
     bare = Slipped(replace(data, has_arm=False), [])
@@ -248,7 +253,7 @@ def test_without_an_arm_the_swing_s_metrics_are_left_out(lifted):
 
 def test_a_platform_on_its_wheels_is_not_lifted():
     scenario = slip()
-    machine = replace(scenario.machine, backend="kinematic", job=JobScenario(start="wheels"))
+    machine = replace(scenario.levelling, backend="kinematic", job=JobScenario(start="wheels"))
     times = Times.from_scenario(scenario, BEGIN)
     with pytest.raises(RefusedRequest, match="leg 1 does not touch the ground"):
         measure_lift(scenario, machine, times, quiet_bench("x", scenario))
@@ -256,7 +261,7 @@ def test_a_platform_on_its_wheels_is_not_lifted():
 
 def test_a_platform_that_tilts_ends_the_job():
     scenario = slip()
-    machine = replace(scenario.machine, backend="kinematic")
+    machine = replace(scenario.levelling, backend="kinematic")
     machine.ground.roll_deg = 5.0
     times = Times.from_scenario(scenario, BEGIN)
     with pytest.raises(Tripped, match=r"tilt: a platform that is inclined by 5\.0 deg"):
@@ -312,7 +317,7 @@ def lead(tmp_path, monkeypatch):
         def write(recording):
             Calibrate("calibrate").write_log(path, scenario, *pose_signals(recording))
 
-        return record_poses(scenario, scenario.machine, answers, write, bench), path
+        return record_poses(scenario, scenario.levelling, answers, write, bench), path
 
     return run
 
@@ -384,7 +389,7 @@ def test_answers_that_cannot_be_are_errors(text):
 def test_commands_are_what_encoders_have_to_tell():
     plain = poses("poses.count=3")
     offset = poses("poses.count=3", "control.encoder_offsets_mm=[1, 0, 0, 0]")
-    commands = [pose_commands(scenario, scenario.machine) for scenario in (plain, offset)]
+    commands = [pose_commands(scenario, scenario.levelling) for scenario in (plain, offset)]
     assert commands[1][:, 0] == pytest.approx(commands[0][:, 0] - 1e-3)
 
 
@@ -401,16 +406,16 @@ def test_a_recording_that_is_there_is_not_written_over(tmp_path):
 
 def test_identified_values_make_the_machine_that_was_calibrated():
     scenario = poses()
-    from parapod.diagrams.levelling_platform.model import geometry_as_known
     from parapod.sims.levelling_platform.calibrate.recording import draw_machine, record
 
     random = np.random.default_rng(0)
     recorded, _ = record(scenario, draw_machine(scenario, random), random)
-    found = calibrate(recorded.recording, MODEL_GEOMETRY, scenario.tolerances.tolerances)
+    found = calibrate(recorded.recording, DRAWN, scenario.tolerances.tolerances)
     values = identified_values(found)
     overrides = [f"{key}={value}" for key, value in values.items()]
-    control = load_scenario(CalibrateScenario, overrides=overrides).control
-    known = geometry_as_known(control)
+    found_scenario = load_scenario(CalibrateScenario, overrides=overrides)
+    control = found_scenario.control
+    known = found_scenario.levelling.geometry_as_known
     for leg, other in zip(known.legs, found.geometry.legs, strict=True):
         assert leg.p_MF == pytest.approx(other.p_MF, abs=1e-7)
         assert leg.l_4 == pytest.approx(other.l_4, abs=1e-7)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 PERFECT = (
-    "sensors={encoder_resolution_mm: 0, imu_noise: false, accel_bias_mg: 0, gyro_bias_deg_s: 0}"
+    "machine.sensors={encoder_resolution_mm: 0, imu_noise: false, accel_bias_mg: 0, "
+    "gyro_bias_deg_s: 0}"
 )
 # As little as passes for a job: ground that is almost level, found out by perfect sensors.
 BRIEF = (
@@ -43,8 +44,8 @@ def test_a_job_holds_its_bounds_on_the_kinematic_backend_with_another_seed(execu
 
 
 def test_without_imperfections_the_errors_are_those_of_the_method(execute):
-    perfect = ("actuators.gain_error=0", "job.estimate_at=1.5", PERFECT, "plant.time_step=0.004")
-    result = execute("level", *SHORT, *perfect)
+    perfect = ("machine.actuators.gain_error=0", "job.estimate_at=1.5", PERFECT)
+    result = execute("level", *SHORT, *perfect, "plant.time_step=0.004")
     assert result["roll_error_deg"] < 0.02
     assert result["pitch_error_deg"] < 0.02
     assert result["height_error_mm"] < 0.3
@@ -53,7 +54,7 @@ def test_without_imperfections_the_errors_are_those_of_the_method(execute):
 
 
 def test_the_accelerometer_s_bias_tilts_the_platform_by_as_much(execute):
-    overrides = ("sensors.accel_bias_mg=10", "job.estimate_at=3", "job.arm.angle_deg=0")
+    overrides = ("machine.sensors.accel_bias_mg=10", "job.estimate_at=3", "job.arm.angle_deg=0")
     result = execute("level", *BRIEF, *overrides)
     tilt = np.degrees(np.arcsin(0.01))
     # A turn-on bias of the sample reaches ground and platform alike.
@@ -63,7 +64,7 @@ def test_the_accelerometer_s_bias_tilts_the_platform_by_as_much(execute):
 
 def test_an_estimate_of_the_ground_that_is_late_or_does_not_come_is_told(execute):
     # A gyro's bias of 3 deg/s is not believed, and keeps the attitude away from gravity.
-    result = execute("level", *BRIEF, "sensors.gyro_bias_deg_s=3")
+    result = execute("level", *BRIEF, "machine.sensors.gyro_bias_deg_s=3")
     assert result.notes == ("the ground was not estimated: the attitude did not settle",)
     shift = "faults=[{at: 1, duration: 0.2, target: imu.gyro, kind: wrong, scale: 1, value: 0.01}]"
     result = execute("level", *BRIEF, shift)
@@ -123,7 +124,7 @@ def test_waypoints_smaller_than_the_bounds_do_not_undo_a_level_posture(steep):
 
 
 def test_a_platform_that_never_gets_level_has_no_settling_time(execute):
-    weak = ("control.voltage_limit=0.5", "actuators.coulomb_friction=2e4")
+    weak = ("control.voltage_limit=0.5", "machine.actuators.coulomb_friction=2e4")
     result = execute("level", *BRIEF, *weak)
     assert result["settling_time_s"] == np.inf
     assert "settling_time_s" in [metric.key for metric in result.broken]

@@ -14,6 +14,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.panel import Panel
@@ -23,7 +24,6 @@ from parapod.sims.levelling_platform.levelling import LivePlatform, read_posture
 from parapod.sims.levelling_platform.operation import LiveOperation
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.sliders import (
     OperatorControls,
     PostureSliders,
@@ -34,7 +34,8 @@ from parapod.systems.levelling_platform.supervisor import Command, Phase
 BRIEF = (
     "backend=kinematic",
     "ground={roll_deg: 0.3, pitch_deg: 0.2}",
-    "sensors={encoder_resolution_mm: 0, imu_noise: false, accel_bias_mg: 0, gyro_bias_deg_s: 0}",
+    "machine.sensors={encoder_resolution_mm: 0, imu_noise: false, accel_bias_mg: 0, "
+    "gyro_bias_deg_s: 0}",
     "job={initial_extension_mm: 405, estimate_at: 1.5, settled_after: 1.5, waypoints: [], end: 2}",
     "job.arm={start: 0.5, duration: 0.5}",
 )
@@ -116,14 +117,12 @@ def test_sliders_of_meshcat_and_of_the_page_command_what_they_show(make, meshcat
 @pytest.mark.parametrize("posture", [(0.0, 0.0, 0.477), (1.0, 2.0, 0.47), (0.5, -0.5, 0.49)])
 def test_a_slider_ends_where_the_legs_do_while_the_others_stay(ground, posture):
     ground, posture = np.radians(ground), np.array([*np.radians(posture[:2]), posture[2]])
-    ranges = posture_ranges(MODEL_GEOMETRY, posture, ground)
+    ranges = posture_ranges(DRAWN, posture, ground)
 
     def is_reached(axis, value):
         changed = posture.copy()
         changed[axis] = value
-        return np.isfinite(
-            inverse_kinematics(MODEL_GEOMETRY, changed, ground, on_unreachable="nan")
-        ).all()
+        return np.isfinite(inverse_kinematics(DRAWN, changed, ground, on_unreachable="nan")).all()
 
     for axis, step in enumerate((np.radians(0.1), np.radians(0.1), 1e-3)):
         low, high = ranges[axis]
@@ -135,7 +134,7 @@ def test_a_slider_ends_where_the_legs_do_while_the_others_stay(ground, posture):
 
 
 def test_a_posture_out_of_reach_has_no_ranges():
-    assert posture_ranges(MODEL_GEOMETRY, (0.0, np.radians(-4.0), 0.47), (0.03, 0.05)) is None
+    assert posture_ranges(DRAWN, (0.0, np.radians(-4.0), 0.47), (0.03, 0.05)) is None
 
 
 def test_sliders_move_the_platform_by_one_axis_at_a_time(platform, panel, console):
@@ -157,7 +156,7 @@ def test_a_slider_at_its_end_leaves_the_other_axes_where_they_are(platform, pane
     platform.advance(9.0)
     asked = np.radians(panel.GetSliderValue(ROLL))
     np.testing.assert_allclose(platform.posture, [asked, 0.0, 0.505], atol=1e-3)
-    _, highest = height_range(MODEL_GEOMETRY, (asked, 0.0), brief().ground.inclination)
+    _, highest = height_range(DRAWN, (asked, 0.0), brief().ground.inclination)
     assert panel.SetSliderValue(HEIGHT, 570.0) == pytest.approx(1e3 * highest, abs=1.5)
 
 
@@ -321,7 +320,7 @@ def held_until_let_go(monkeypatch):
 @pytest.mark.usefixtures("held_until_let_go")
 def test_a_platform_whose_operator_is_gone_holds_until_somebody_resets_it(panel, page, judge):
     scenario = load_scenario(DeployScenario, overrides=("backend=kinematic",))
-    live = LiveOperation(scenario.machine, 0.47, panel)
+    live = LiveOperation(scenario.levelling, 0.47, panel)
     live.begin()
 
     def phase():
@@ -377,7 +376,7 @@ def test_a_person_operates_the_platform(panel, page, monkeypatch):
     monkeypatch.setattr(panel, "silence", lambda: 0.0)  # whatever a busy computer delays
     overrides = ("backend=kinematic", "ground.foot_heights_mm=[0, 0, 0, 0]")
     scenario = load_scenario(DeployScenario, overrides=overrides)
-    live = LiveOperation(scenario.machine, 0.47, panel)
+    live = LiveOperation(scenario.levelling, 0.47, panel)
     live.begin()
 
     def until(phase, longest=30.0):

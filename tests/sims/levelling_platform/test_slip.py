@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.slip.experiment import Slip
 from parapod.sims.levelling_platform.slip.scenario import (
@@ -22,7 +23,6 @@ from parapod.sims.output.options import RunOptions
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 
 def scenario_with(*overrides):
@@ -116,7 +116,7 @@ def test_the_slip_of_the_actuators_is_that_of_the_legs_kinematics(logged):
     extension = log.signals["truth.extension"][lifted][-1]
     expected = [
         np.subtract(foot_to_centre(leg, extension[i]), foot_to_centre(leg, 0.41))[:2]
-        for i, leg in enumerate(MODEL_GEOMETRY.legs)
+        for i, leg in enumerate(DRAWN.legs)
     ]
     assert np.allclose(moved, np.linalg.norm(expected, axis=1), atol=2e-4)
 

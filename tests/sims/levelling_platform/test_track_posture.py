@@ -30,7 +30,7 @@ def test_the_outer_loop_brings_the_inclination_of_legs_as_built_within_its_bound
 
 
 def test_an_outer_loop_that_does_nothing_leaves_the_error_of_the_legs(execute):
-    same = ("backend=kinematic", "sensors.imu_delay_ms=0", "control.outer_loop_gain=1e-9")
+    same = ("backend=kinematic", "machine.sensors.imu_delay_ms=0", "control.outer_loop_gain=1e-9")
     found = execute("track-posture", *ONE_MOVE, *same)
     assert found["outer_loop_moving_ratio"] == pytest.approx(1.0, abs=1e-3)
 

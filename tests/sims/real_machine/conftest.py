@@ -403,7 +403,7 @@ class EmulatedPlatformWithGains(EmulatedPlatform):
 
     options = (
         *EmulatedPlatformOnLevelGround.options,
-        *("job.start=wheels", "actuators.gain_error=0.1"),
+        *("job.start=wheels", "machine.actuators.gain_error=0.1"),
     )
 
 

@@ -63,7 +63,7 @@ def test_actuators_are_identified_within_the_bounds_and_adopted(
     adopted = machine.parapod("adopt", result, "--into", lab)
     told, _ = adopted.communicate(timeout=600)
     assert adopted.returncode == 0
-    assert told.startswith("control.actuator_gains: [0.01, 0.01, 0.01, 0.01] (default) -> [")
+    assert told.startswith("control.actuator_gains: null (default) -> [")
     assert lab.read_text().startswith("# our machine\nseed: 0\ncontrol:\n  actuator_gains: [")
 
 

@@ -326,7 +326,7 @@ def test_loops_that_serve_many_runs_give_what_single_runs_give(monkeypatch):
              "job.waypoints=[]", "job.arm={start: 0.5, duration: 0.5}")  # fmt: skip
     runs = [
         ("seed=1", "ground.pitch_deg=1"),
-        ("seed=2", "ground.roll_deg=-1", "sensors.accel_bias_mg=3"),
+        ("seed=2", "ground.roll_deg=-1", "machine.sensors.accel_bias_mg=3"),
         ("seed=2", "plant.length_error_mm=0.2"),
         ("seed=3", "plant.length_error_mm=0.2", "job.initial_extension_mm=404"),
     ]

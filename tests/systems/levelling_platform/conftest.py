@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.levelling_platform.supervisor import (
     Command,
     Phase,
@@ -87,7 +87,7 @@ def operate(stand):
             return Refusal(int(why)), detail
 
     def begin(**inputs):
-        system = Supervisor(MODEL_GEOMETRY, SupervisorParams(), STANDING_HEIGHT, PERIOD)
+        system = Supervisor(DRAWN, SupervisorParams(), STANDING_HEIGHT, PERIOD)
         return Operation(system, **(ON_LEVEL_WHEELS | inputs))
 
     return begin

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.core.errors import UndeterminedCalibration
 from parapod.systems.levelling_platform.calibration.equations import (
     BIAS,
@@ -24,7 +25,6 @@ from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
     passive_extension,
 )
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 
 TOLERANCES = Tolerances()
 # Of encoders that count .01 mm, and of the instruments of Appendix B.
@@ -37,17 +37,17 @@ class Machine:
 
     def __init__(self, seed=None):
         if seed is None:
-            self.geometry = MODEL_GEOMETRY
+            self.geometry = DRAWN
             return
         random = np.random.default_rng(seed)
         deviations = drawn_deviations(random, TOLERANCES.length, TOLERANCES.angle)
-        self.geometry = replace(MODEL_GEOMETRY, deviations=deviations)
+        self.geometry = replace(DRAWN, deviations=deviations)
         self.offsets = TOLERANCES.offset * random.uniform(-1.0, 1.0, 4)
         self.bias = TOLERANCES.bias * random.uniform(-1.0, 1.0, 2)
 
     @property
     def parameters(self):
-        return equivalent_parameters(self.geometry, MODEL_GEOMETRY, self.offsets, self.bias)
+        return equivalent_parameters(self.geometry, DRAWN, self.offsets, self.bias)
 
     def stand(self, active, ground):
         """Extensions of all legs and the posture, with legs 1 to 3 at these lengths."""
@@ -103,18 +103,18 @@ EXACT = MeasurementNoise(1e-13, 1e-13, 1e-13, 1e-13)
 def test_a_machine_off_in_every_dimension_fulfils_the_equations_with_fewer_parameters(ground):
     machine = Machine(3)
     recording, _ = machine.record(POSES, ground=ground)
-    equations = StandingEquations(recording, MODEL_GEOMETRY)
+    equations = StandingEquations(recording, DRAWN)
     assert np.abs(equations.residual(machine.parameters)).max() < 1e-15
     assert np.abs(equations.residual(equations.start)).max() > 1e-3
 
 
 def test_parameters_count_from_the_geometry_they_are_given():
     machine = Machine(3)
-    whole = deviated(MODEL_GEOMETRY, machine.parameters)
-    halves = deviated(deviated(MODEL_GEOMETRY, 0.5 * machine.parameters), 0.5 * machine.parameters)
+    whole = deviated(DRAWN, machine.parameters)
+    halves = deviated(deviated(DRAWN, 0.5 * machine.parameters), 0.5 * machine.parameters)
     for a, b in zip(whole.legs, halves.legs, strict=True):
         np.testing.assert_allclose(a.p_MF, b.p_MF, atol=1e-15)
-        assert (a.l_6, a.l_7) == (MODEL_GEOMETRY.l_6, MODEL_GEOMETRY.l_7)
+        assert (a.l_6, a.l_7) == (DRAWN.l_6, DRAWN.l_7)
 
 
 def recordings():
@@ -129,7 +129,7 @@ def recordings():
 
 @pytest.mark.parametrize("recording", list(recordings()))
 def test_derivatives_agree_with_differences(recording):
-    equations = StandingEquations(recording, MODEL_GEOMETRY)
+    equations = StandingEquations(recording, DRAWN)
     parameters = Machine(6).parameters + equations.start
     residual, jacobian = equations.whitened(parameters)
     assert residual.shape == jacobian.shape[:1]
@@ -146,7 +146,7 @@ def test_derivatives_agree_with_differences(recording):
 def test_without_noise_the_machine_s_postures_are_predicted_exactly(ground):
     machine = Machine(1)
     recording, _ = machine.record(POSES, ground=ground, tracked=True, noise=EXACT)
-    calibration = calibrate(recording, MODEL_GEOMETRY)
+    calibration = calibrate(recording, DRAWN)
     assert machine.prediction_error(calibration, OTHERS) < 1e-9
     assert machine.prediction_error(calibration, OTHERS, -SLOPE) < 1e-9
     np.testing.assert_allclose(calibration.bias, machine.bias, atol=1e-9)
@@ -158,7 +158,7 @@ def test_turning_on_unknown_ground_finds_ground_and_bias():
     ground = ground_in_heading(SLOPE, heading)
     recording, _ = machine.record(POSES, ground=ground, tracked=True, noise=EXACT)
     recording = replace(recording, ground=None, heading=heading)
-    calibration = calibrate(recording, MODEL_GEOMETRY)
+    calibration = calibrate(recording, DRAWN)
     np.testing.assert_allclose(calibration.ground, SLOPE, atol=1e-9)
     np.testing.assert_allclose(calibration.bias, machine.bias, atol=1e-9)
     assert machine.prediction_error(calibration, OTHERS, -SLOPE) < 1e-9
@@ -169,7 +169,7 @@ def test_standard_deviations_and_chi_square_agree_with_monte_carlo():
     for seed in range(60):
         machine = Machine(seed)
         recording, _ = machine.record(POSES, 1000 + seed, tracked=True)
-        calibration = calibrate(recording, MODEL_GEOMETRY)
+        calibration = calibrate(recording, DRAWN)
         error = (calibration.parameters - machine.parameters) / calibration.standard_deviations
         errors.append(error[: GROUND.start])
         chi2.append(calibration.chi2_per_dof)
@@ -188,7 +188,7 @@ def test_a_foot_in_the_air_says_nothing():
     lifted = recording.extension.copy()
     lifted[::3, 1] += 0.03
     calibrations = [
-        calibrate(replace(recording, contact=contact, extension=extension), MODEL_GEOMETRY)
+        calibrate(replace(recording, contact=contact, extension=extension), DRAWN)
         for extension in (recording.extension, lifted)
     ]
     np.testing.assert_allclose(calibrations[0].parameters, calibrations[1].parameters, atol=1e-12)
@@ -198,7 +198,7 @@ def test_a_foot_in_the_air_says_nothing():
 def test_calibrating_the_calibrated_machine_hardly_moves_it():
     machine = Machine(9)
     recording, _ = machine.record(POSES, 0, tracked=True)
-    first = calibrate(recording, MODEL_GEOMETRY)
+    first = calibrate(recording, DRAWN)
     corrected = replace(
         recording,
         extension=recording.extension + first.offsets,
@@ -217,8 +217,8 @@ def test_calibrating_the_calibrated_machine_hardly_moves_it():
 def test_a_leaning_sensor_and_leaning_legs_look_alike_without_a_reference():
     machine = Machine(10)
     recording, _ = machine.record(POSES, 0, tracked=True)
-    alone = calibrate(replace(recording, reference=None), MODEL_GEOMETRY)
-    referenced = calibrate(recording, MODEL_GEOMETRY)
+    alone = calibrate(replace(recording, reference=None), DRAWN)
+    referenced = calibrate(recording, DRAWN)
     assert (alone.standard_deviations[BIAS] > 0.5e-3).all()
     assert (referenced.standard_deviations[BIAS] < 0.05e-3).all()
     # The posture against the sensor is as sure as ever.
@@ -274,7 +274,7 @@ def test_what_the_poses_do_not_determine_is_named(active, change, named, advice)
     recording, _ = Machine(0).record(active, 0)
     recording = change(recording) if change else recording
     with pytest.raises(UndeterminedCalibration, match=named) as refused:
-        calibrate(recording, MODEL_GEOMETRY)
+        calibrate(recording, DRAWN)
     assert advice in str(refused.value)
     assert any(advice in sentence for sentence in refused.value.advice)
     assert "\n" not in str(refused.value)
@@ -286,7 +286,7 @@ def test_what_the_poses_do_not_determine_is_named(active, change, named, advice)
 def test_a_reference_frees_the_bias_but_not_the_ground():
     recording, _ = Machine(0).record(POSES, 0, tracked=True)
     with pytest.raises(UndeterminedCalibration, match="the ground's roll") as refused:
-        calibrate(replace(recording, ground=None), MODEL_GEOMETRY)
+        calibrate(replace(recording, ground=None), DRAWN)
     assert "bias" not in str(refused.value)
 
 
@@ -294,9 +294,9 @@ def test_one_height_is_enough_if_inclinations_vary():
     random = np.random.default_rng(0)
     attitude = random.uniform(-0.06, 0.06, (40, 2))
     posture = np.column_stack([attitude, np.full(40, 0.477)])
-    active = inverse_kinematics(MODEL_GEOMETRY, posture, (0.0, 0.0))[:, :3]
+    active = inverse_kinematics(DRAWN, posture, (0.0, 0.0))[:, :3]
     recording, _ = Machine(0).record(active, 0, tracked=True)
-    assert calibrate(recording, MODEL_GEOMETRY).determined > 15
+    assert calibrate(recording, DRAWN).determined > 15
 
 
 @pytest.mark.parametrize(
@@ -317,7 +317,7 @@ def test_recordings_of_wrong_shape_are_refused(change, message):
 def test_what_no_leg_can_be_is_refused():
     recording, _ = Machine(0).record(POSES)
     with pytest.raises(ValueError, match="extension"):
-        calibrate(replace(recording, extension=2.0 * recording.extension), MODEL_GEOMETRY)
+        calibrate(replace(recording, extension=2.0 * recording.extension), DRAWN)
 
 
 def test_noise_must_be_positive():

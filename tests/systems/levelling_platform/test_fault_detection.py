@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.levelling_platform.fault_detection import (
     RULES,
     FaultDetector,
@@ -15,7 +16,6 @@ from parapod.systems.levelling_platform.fault_detection import (
     as_markdown,
 )
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.plane import to_platform
 from parapod.systems.levelling_platform.supervisor import Command, Phase
 from parapod.systems.safety.faults import Severity
@@ -28,7 +28,7 @@ GRAVITY = 9.81
 GROUND = np.radians((2.0, 3.0))
 POSTURE = np.array((0.0, 0.0, 0.485))
 OFFSETS = 1e-3 * np.array((2.0, -2.0, 2.0, -2.0))
-STANDING = inverse_kinematics(MODEL_GEOMETRY, POSTURE, GROUND, OFFSETS)
+STANDING = inverse_kinematics(DRAWN, POSTURE, GROUND, OFFSETS)
 RAISED, TOUCHING = np.full(4, 0.450), np.array((0.4302, 0.4221, 0.4275, 0.4252))
 ON_WHEELS = (Phase.TRANSPORT, Phase.BRAKE, Phase.LOWER, Phase.RETRACT)
 ON_FEET = (Phase.POSTURE, Phase.HOLD)
@@ -88,7 +88,7 @@ def watch(stand):
 
     def begin(phase=Phase.HOLD, params=FaultDetectorParams(), **inputs):
         given = healthy(phase) | inputs
-        watch = Watch(FaultDetector(MODEL_GEOMETRY, params, PERIOD), **given)
+        watch = Watch(FaultDetector(DRAWN, params, PERIOD), **given)
         # A detector that begins while feet stand has no attitude from before they touched.
         return watch.tick(limits=OPEN).tick(limits=given["limits"])
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.kinematics import (
@@ -15,7 +16,6 @@ from parapod.systems.levelling_platform.kinematics import (
     unevenness,
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.statics import resting_posture
 
 GEOMETRY = PlatformGeometry(foot_radius=0.025)
@@ -136,14 +136,14 @@ def test_offsets_are_left_by_a_plane_through_the_heights_on_which_the_platform_s
 ):
     """Legs that reach the heights (6, -2, -3, 1) mm, and a plane through these by `lstsq`."""
     heights = np.array((6e-3, -2e-3, -3e-3, 1e-3))
-    extension = standing_on(heights, MODEL_GEOMETRY)
-    legs = zip(MODEL_GEOMETRY.legs, extension.tolist(), strict=True)
+    extension = standing_on(heights, DRAWN)
+    legs = zip(DRAWN.legs, extension.tolist(), strict=True)
     feet = np.array([foot_to_centre(leg, d) for leg, d in legs])
     columns = np.column_stack((feet[:, :2], np.ones(4)))
     plane, *_ = np.linalg.lstsq(columns, heights, rcond=None)
     left = heights - columns @ plane
     assert np.abs(left).min() > 8e-4
-    estimator = estimation(MODEL_GEOMETRY, extension=extension, attitude=attitude).tick()
+    estimator = estimation(DRAWN, extension=extension, attitude=attitude).tick()
     np.testing.assert_allclose(estimator["foot_offsets"], left, atol=2e-5)
     # Feet are at minus their vectors: where the ground rises along x, its normal leans back.
     R_WF, R_WG = (
@@ -157,8 +157,8 @@ def test_offsets_are_left_by_a_plane_through_the_heights_on_which_the_platform_s
 
 def test_on_that_ground_with_those_offsets_the_legs_stand_as_they_did(estimation):
     extension, attitude = [0.405, 0.411, 0.402, 0.4095], (0.02, -0.01)
-    estimator = estimation(MODEL_GEOMETRY, extension=extension, attitude=attitude).tick()
+    estimator = estimation(DRAWN, extension=extension, attitude=attitude).tick()
     ground, offsets = estimator["ground"], estimator["foot_offsets"]
-    posture = resting_posture(MODEL_GEOMETRY, extension, ground, offsets)
+    posture = resting_posture(DRAWN, extension, ground, offsets)
     assert np.abs(offsets).min() > 5e-4
     np.testing.assert_allclose(posture[:2], attitude, atol=1e-6)

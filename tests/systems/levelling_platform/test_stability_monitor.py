@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.model import DRAWN as GEOMETRY
 from parapod.systems.levelling_platform import stability_monitor
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY as GEOMETRY
 from parapod.systems.levelling_platform.stability_monitor import (
     StabilityMonitor,
     StabilityMonitorParams,

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
     Stance,
@@ -28,7 +28,7 @@ FLAT = (0.0, 0.0, 0.0, 0.0)
 
 def standing(extension, ground=LEVEL, arm=UPRIGHT, offsets=FLAT, velocity=STILL, params=PARAMS):
     return stand_on_feet_and_wheels(
-        MODEL_GEOMETRY,
+        DRAWN,
         WHEELS,
         params,
         list(extension),
@@ -41,7 +41,7 @@ def standing(extension, ground=LEVEL, arm=UPRIGHT, offsets=FLAT, velocity=STILL,
 
 def on_feet(extension, ground=LEVEL, arm=UPRIGHT, offsets=FLAT, velocity=STILL):
     return stand(
-        MODEL_GEOMETRY,
+        DRAWN,
         PARAMS,
         list(extension),
         list(velocity),
@@ -74,12 +74,11 @@ class InTheWorld:
         self.n = rotation(ground)[:, 2]
         centre = stance.posture[2] * self.n
         feet = [
-            -np.array(foot_to_centre(leg, d))
-            for leg, d in zip(MODEL_GEOMETRY.legs, extension, strict=True)
+            -np.array(foot_to_centre(leg, d)) for leg, d in zip(DRAWN.legs, extension, strict=True)
         ]
         self.com = centre + R @ centre_of_mass(arm, params)
         self.centres = centre + np.array([*feet, *WHEELS.axles]) @ R.T
-        reach = np.append(MODEL_GEOMETRY.foot_radius + np.array(offsets), [WHEELS.radius] * 4)
+        reach = np.append(DRAWN.foot_radius + np.array(offsets), [WHEELS.radius] * 4)
         self.depth = reach - self.centres @ self.n
         stiffness = np.repeat((params.foot_stiffness, params.wheel_stiffness), 4)
         self.force = stiffness * np.maximum(self.depth, 0.0)
@@ -206,7 +205,7 @@ def test_actuators_hold_what_their_feet_carry():
     for (extension, ground, *_), stance in mixed_cases(100):
         g = rotation(stance.attitude).T @ rotation(ground)[:, 2]
         for leg, d, force, load in zip(
-            MODEL_GEOMETRY.legs, extension, stance.contact_force, stance.load_force, strict=True
+            DRAWN.legs, extension, stance.contact_force, stance.load_force, strict=True
         ):
             ahead, behind = (np.array(foot_to_centre(leg, x)) for x in (d + step, d - step))
             lift = g @ (ahead - behind) / (2.0 * step)
@@ -307,7 +306,7 @@ def test_where_a_leg_cannot_be_built_or_an_input_is_nan_it_stands_nowhere():
 @pytest.mark.parametrize("extension", [(0.45,) * 4, (0.4195, 0.43, 0.4203, 0.45), (0.41,) * 4])
 def test_the_plant_with_wheels_shows_this_stance(stand, extension):
     velocity, arm, offsets = (0.001, 0.0, -0.002, 0.003), (0.3, 0.4), (0.0, 0.004, 0.002, 0.0)
-    system = KinematicPlatform(MODEL_GEOMETRY, PARAMS, WHEELS)
+    system = KinematicPlatform(DRAWN, PARAMS, WHEELS)
     platform = stand(system, extension=extension, velocity=velocity, arm_position=arm)
     system.set_ground(platform.context, GROUND, offsets)
     stance = standing(extension, GROUND, arm, offsets, velocity)
@@ -317,7 +316,7 @@ def test_the_plant_with_wheels_shows_this_stance(stand, extension):
 
 
 def test_without_wheels_the_plant_stands_on_its_feet_however_low(stand):
-    system = KinematicPlatform(MODEL_GEOMETRY, PARAMS)
+    system = KinematicPlatform(DRAWN, PARAMS)
     platform = stand(system, extension=[0.43] * 4, velocity=STILL)
     assert platform["posture"][2] < 0.35
     assert platform["contact_force"].sum() == pytest.approx(WEIGHT, rel=1e-5)

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY
 from parapod.systems.levelling_platform.supervisor import (
     TRANSITIONS,
     Command,
@@ -44,7 +44,7 @@ NOTHING_REFUSED = (Refusal.NONE, 0.0)
 def worst_leg(posture, ground, offsets=FLAT):
     """Number of the leg that misses a posture most, 1..4."""
     with pytest.raises(UnreachablePosture) as missed:
-        inverse_kinematics(MODEL_GEOMETRY, posture, ground, offsets)
+        inverse_kinematics(DRAWN, posture, ground, offsets)
     return missed.value.leg
 
 
@@ -179,7 +179,7 @@ def test_a_leg_that_touched_stays_when_its_switch_opens_again_or_is_not_known(op
 
 @EACH_LEG
 def test_a_leg_that_finds_no_ground_is_refused_by_its_number_and_stops(operate, leg):
-    operation = operate().to(Phase.LOWER).at(but(LOW, leg, MODEL_GEOMETRY.extension_min))
+    operation = operate().to(Phase.LOWER).at(but(LOW, leg, DRAWN.extension_min))
     operation.touch(*(np.arange(4) != leg)).wait(1.0)
     assert operation.phase is Phase.LOWER
     assert operation.refusal == (Refusal.NO_GROUND, leg + 1.0)
@@ -341,7 +341,7 @@ def test_a_platform_on_its_legs_first_goes_down_parallel_to_the_ground(operate, 
     operation = operate(foot_offsets=offsets).to(phase).command(Command.STOP)
     assert operation["posture_control"] == 1.0
     assert operation["leg_rate"].tolist() == [0.0] * 4
-    lowest, highest = height_range(MODEL_GEOMETRY, GROUND, GROUND, offsets)
+    lowest, highest = height_range(DRAWN, GROUND, GROUND, offsets)
     on_wheels = STANDING_HEIGHT + PARAMS.clearance
     assert (lowest > on_wheels) == (offsets != FLAT)
     height = max(lowest + 1e-4, on_wheels)
@@ -500,7 +500,7 @@ def test_legs_are_jogged_while_it_stands_by_and_in_transport_at_rest(operate, ph
 
 def test_a_leg_is_jogged_slowly_and_not_beyond_its_stroke(operate):
     operation = operate(jog_request=(1.0, -1.0, math.nan, math.inf)).to(Phase.STANDBY)
-    low, most = MODEL_GEOMETRY.extension_min, PARAMS.lowering_rate
+    low, most = DRAWN.extension_min, PARAMS.lowering_rate
     operation.at(np.full(4, 0.42)).tick()
     assert operation["leg_rate"].tolist() == [most, -most, 0.0, 0.0]
     operation.at((PARAMS.raised, low, 0.42, 0.42)).tick()

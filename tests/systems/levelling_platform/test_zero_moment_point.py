@@ -9,15 +9,14 @@ from pydrake.multibody.tree import BodyIndex, MultibodyForces, SpatialInertia, U
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull
 
+from parapod.diagrams.levelling_platform.model import DRAWN as GEOMETRY
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.systems.levelling_platform.geometry import LegDeviation, drawn_deviations
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.model import MODEL_GEOMETRY as GEOMETRY
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.turntable import stability_margin
 from parapod.systems.levelling_platform.zero_moment_point import (
-    ARM_GYRATION_SQUARED,
     ArmMotion,
     ArmMove,
     Footing,
@@ -28,6 +27,7 @@ from parapod.systems.levelling_platform.zero_moment_point import (
 )
 
 PARAMS = KinematicPlatformParams()
+ARM_INERTIA = PARAMS.arm_inertia  # the arm weighs 1 kg
 # Arm's base on the platform's axis: mirror images are exact.
 CENTRED = replace(PARAMS, arm_base=(0.0, 0.0, 0.145))
 MIDDLE = np.full(4, 0.405)
@@ -220,7 +220,7 @@ class Machine:
         for body, inertia in self._drawn.items():
             if not counts:
                 mass, centre = inertia.get_mass(), inertia.get_com()
-                across = ARM_GYRATION_SQUARED if body is self.link else 0.0
+                across = ARM_INERTIA if body is self.link else 0.0
                 about_centre = UnitInertia(across, across, 0.0)
                 inertia = SpatialInertia(mass, centre, about_centre.ShiftFromCenterOfMass(centre))
             body.SetSpatialInertiaInBodyFrame(self.context, inertia)
@@ -314,8 +314,8 @@ def test_the_radius_of_gyration_is_that_of_the_drawn_arm(machine):
     inertia = machine.link.CalcSpatialInertiaInBodyFrame(machine.context)
     about_centre = inertia.get_unit_inertia().ShiftToCenterOfMass(inertia.get_com())
     across, also_across, _ = about_centre.get_moments()
-    assert across == pytest.approx(ARM_GYRATION_SQUARED, abs=1e-12)
-    assert also_across == pytest.approx(ARM_GYRATION_SQUARED, abs=1e-12)
+    assert across == pytest.approx(ARM_INERTIA, abs=1e-12)
+    assert also_across == pytest.approx(ARM_INERTIA, abs=1e-12)
 
 
 def test_swinging_an_upright_arm_pushes_the_point_back():
@@ -323,7 +323,7 @@ def test_swinging_an_upright_arm_pushes_the_point_back():
     acceleration = 2.0
     height = GEOMETRY.foot_radius + foot_to_centre(GEOMETRY.legs[0], 0.405)[2]
     lever = height + CENTRED.arm_base[2] + CENTRED.arm_centre
-    moment = (CENTRED.arm_centre * lever + ARM_GYRATION_SQUARED) * acceleration
+    moment = (CENTRED.arm_centre * lever + ARM_INERTIA) * acceleration
     pushed = point(motion=ArmMotion((0.0, 0.0), acceleration=(0.0, acceleration)), params=CENTRED)
     np.testing.assert_allclose(pushed, (-moment / (51.0 * 9.81), 0.0), atol=1e-14)
 
@@ -336,7 +336,7 @@ def test_turning_steadily_pulls_the_point_outwards_and_lightens_nothing():
     height = GEOMETRY.foot_radius + foot_to_centre(GEOMETRY.legs[0], 0.405)[2]
     lever = height + CENTRED.arm_base[2] + CENTRED.arm_centre * math.cos(lean)
     force = CENTRED.arm_centre * math.sin(lean) * rate**2
-    moment = force * lever + ARM_GYRATION_SQUARED * math.sin(lean) * math.cos(lean) * rate**2
+    moment = force * lever + ARM_INERTIA * math.sin(lean) * math.cos(lean) * rate**2
     np.testing.assert_allclose(turning - resting, (moment / (51.0 * 9.81), 0.0), atol=1e-14)
 
 

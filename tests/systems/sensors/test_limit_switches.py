@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.levelling_platform.model import LIMIT_SWITCHES
 from parapod.systems.sensors.limit_switches import LimitSwitches, LimitSwitchesParams
 
+LIMIT_SWITCHES = LimitSwitchesParams(extended=0.4595, retracted=0.3805, contact_force=5.0)
 STANDING = (20.0,) * 4
 
 

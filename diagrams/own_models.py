@@ -1,0 +1,169 @@
+"""Models of a user's own: files of a CAD program, their frames and joints checked by name."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
+from parapod.urdf import MODELS_DIR, configure_parser
+
+
+@dataclass(frozen=True)
+class OwnModel:
+    """A file with a part of a machine.
+
+    Attributes:
+        key: key of the file in the scenario; those of its frames and joints are beside it.
+        urdf: URDF or SDFormat file, or a `package://` URL; empty: the drawn part.
+        frame: link or frame by which it is fixed.
+        joints: its joints that are driven; every other one is fixed.
+    """
+
+    key: str
+    urdf: str = ""
+    frame: str = ""
+    joints: tuple[str, ...] = ()
+
+    def add(
+        self, plant: MultibodyPlant, name: str
+    ) -> tuple[ModelInstanceIndex, Frame, tuple[Joint, ...]]:
+        """Adds it to a plant that is not finalized; returns it, its frame and its joints.
+
+        Args:
+            plant: the plant.
+            name: name of the model instance.
+
+        Raises:
+            ScenarioError: the file cannot be read, has no mass, or no link or joint of a name;
+                names those that it has.
+        """
+        instance = parse_model(plant, self.urdf, self.key)
+        plant.RenameModelInstance(instance, name)
+        group = self.key.rpartition(".")[0]
+        frame = find_frame(plant, instance, self.frame, f"{group}.frame", self.urdf)
+        joints = find_joints(plant, instance, self.joints, f"{group}.joints", self.urdf)
+        bodies = map(plant.get_body, plant.GetBodyIndices(instance))
+        mass = sum(body.default_mass() for body in bodies)
+        if not mass > 0.0:
+            raise ScenarioError(f"{self.key} = {quoted(self.urdf)} has no mass", self.key)
+        return instance, frame, joints
+
+
+def parse_model(plant: MultibodyPlant, urdf: str, key: str) -> ModelInstanceIndex:
+    """Adds the one model of a file to a plant.
+
+    Args:
+        plant: not finalized.
+        urdf: URDF or SDFormat file, or a `package://` URL.
+        key: key of the file in the scenario.
+
+    Raises:
+        ScenarioError: the file, or one that it refers to, is missing or cannot be read.
+    """
+    parser = Parser(plant)
+    configure_parser(parser)
+    parser.SetAutoRenaming(True)
+    add = _reader(parser, urdf, key)
+    try:
+        models = add()
+    except RuntimeError as error:
+        words = " ".join(str(error).split())
+        raise ScenarioError(f"{key} = {quoted(urdf)} cannot be read: {words}", key) from None
+    if len(models) != 1:
+        raise ScenarioError(f"{key} = {quoted(urdf)} must have one model, not {len(models)}", key)
+    return models[0]
+
+
+def _reader(parser: Parser, urdf: str, key: str) -> Callable[[], Sequence[ModelInstanceIndex]]:
+    if urdf.startswith("package://"):
+        return lambda: parser.AddModels(url=urdf)
+    path = Path(urdf)
+    if not path.is_file():
+        raise ScenarioError(f"{key} = {quoted(urdf)}: there is no such file", key)
+    _add_packages(parser.package_map(), path)
+    return lambda: parser.AddModels(path)
+
+
+def _add_packages(packages: PackageMap, path: Path) -> None:
+    """Adds the ROS packages that a file may refer to: its own, and those of the environment."""
+    files = (folder / "package.xml" for folder in path.resolve().parents)
+    if (own := next(filter(Path.is_file, files), None)) and own.parent != MODELS_DIR.resolve():
+        packages.AddPackageXml(str(own))
+    packages.PopulateFromRosPackagePath()
+
+
+def find_frame(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, name: str, key: str, urdf: str
+) -> Frame:
+    """A link or frame of a model.
+
+    Args:
+        plant: the plant.
+        instance: the model.
+        name: name of the link or frame.
+        key: key of the name in the scenario.
+        urdf: file of the model.
+
+    Raises:
+        ScenarioError: there is none; names those that there are.
+    """
+    if not plant.HasFrameNamed(name, instance):
+        frames = map(plant.get_frame, plant.GetFrameIndices(instance))
+        names = ", ".join(sorted(frame.name() for frame in frames))
+        raise ScenarioError(
+            f"{key} = {quoted(name)} is not a link of {quoted(urdf)}; there are: {names}", key
+        )
+    return plant.GetFrameByName(name, instance)
+
+
+def find_joints(
+    plant: MultibodyPlant,
+    instance: ModelInstanceIndex,
+    names: Sequence[str],
+    key: str,
+    urdf: str,
+) -> tuple[Joint, ...]:
+    """All joints of a model that move, in an order.
+
+    Args:
+        plant: the plant.
+        instance: the model.
+        names: their names.
+        key: key of the names in the scenario.
+        urdf: file of the model.
+
+    Raises:
+        ScenarioError: other joints move than these; names those that do.
+    """
+    there = {
+        joint.name(): joint
+        for joint in map(plant.get_joint, plant.GetJointIndices(instance))
+        if joint.num_velocities() > 0
+    }
+    for name in names:
+        if name not in there:
+            others = ", ".join(there) or "none"
+            raise ScenarioError(
+                f"{key}: {quoted(name)} is not a moving joint of {quoted(urdf)}; "
+                f"there are: {others}",
+                key,
+            )
+        if there[name].num_velocities() != 1:
+            raise ScenarioError(
+                f"{key}: {quoted(name)} must turn about or slide along one axis", key
+            )
+    for name in there:
+        if name not in names:
+            raise ScenarioError(
+                f"{key}: {quoted(name)} moves, so it must be among them, or be fixed in "
+                f"{quoted(urdf)}",
+                key,
+            )
+    if len(set(names)) != len(names):
+        raise ScenarioError(f"{key} names a joint twice", key)
+    return tuple(there[name] for name in names)
