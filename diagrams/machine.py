@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
@@ -25,6 +25,9 @@ from parapod.diagrams.twin import Twin
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.installed import current_name, installed
 from parapod.systems.core.schema import Schema, plain, quantity
+
+if TYPE_CHECKING:
+    from parapod.diagrams.drivers.driver import Driver
 
 _STATUS = ("status.age", "status.fault")
 
@@ -87,7 +90,7 @@ class Machine[S]:
     """One machine: its ports, and how the parts of its diagrams are made.
 
     A scenario of a machine has `backend`, `seed` and `control.period`; `faults` where faults are
-    injected; `hardware.drivers` for the backend "hardware".
+    injected; `hardware.drivers` for the backend "hardware", see `drivers`.
 
     Attributes:
         name: the name of its entry point.
@@ -104,6 +107,8 @@ class Machine[S]:
         experiment: experiment whose scenario is used where only the machine is named.
         self_tests: moves of a part for the self-test of its devices, by part.
         homings: rules by which the axes of a part find their reference, by part.
+        fittings: settings of a part's drivers that follow from the machine's design, by part and
+            name; see `Driver.fitted`.
         emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
             left out of the plant, and time between two exchanges of the plant with them [s].
         exchange: simulated backend -> period of the exchange with emulated devices [s].
@@ -141,6 +146,7 @@ class Machine[S]:
     experiment: str = ""
     self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
     homings: Mapping[str, Homing] = field(default_factory=dict)
+    fittings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     emulated: Callable[[S, float], S] | None = None
     exchange: Mapping[str, float] = field(default_factory=dict)
     cut: Mapping[str, float] = field(default_factory=dict)
@@ -252,7 +258,7 @@ class Machine[S]:
 
         Args:
             builder: builder of the station.
-            scenario: its `backend` decides; devices are taken from its `hardware.drivers`.
+            scenario: its `backend` decides; devices are those of `drivers`.
             meshcat: draws a simulated machine there; None for no drawing.
 
         Raises:
@@ -271,9 +277,14 @@ class Machine[S]:
         from parapod.diagrams.devices import add_devices
 
         period = settings.control.period
-        return add_devices(
-            builder, settings.hardware.drivers, self.inputs, self.measured, self.parts, period
-        )
+        drivers = self.drivers(scenario)
+        return add_devices(builder, drivers, self.inputs, self.measured, self.parts, period)
+
+    def drivers(self, scenario: S) -> "list[Driver]":
+        """Drivers of a scenario's `hardware.drivers`, with what follows from its machine."""
+        settings: Any = scenario
+        fittings = self.for_scenario(scenario).fittings
+        return [one.fitted(fittings.get(one.part, {})) for one in settings.hardware.drivers]
 
     def unit(self, name: str) -> str:
         """Unit of a signal, by the name of its port.

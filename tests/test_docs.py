@@ -17,6 +17,7 @@ from parapod.diagrams.drivers.epos2 import Epos2PositionScrews
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.machine import list_machines
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
+from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.sims.cli.arguments import load
 from parapod.sims.cli.main import main, make_parser
 from parapod.sims.lab.discovery import find_entry
@@ -211,7 +212,8 @@ def test_forces_are_measured_and_commanded_as_the_examples_say(tmp_path):
 
 
 def test_what_the_limits_allow_is_what_the_documents_say():
-    limits = Epos2Legs().limits
+    (driver,) = CHAIR.drivers(CHAIR.scenario())
+    limits = driver.limits
     text = " ".join(_HARDWARE.split())
     shown = []
     for distance in (0.01, 0.001):

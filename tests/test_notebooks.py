@@ -48,7 +48,7 @@ FACTS = {
         "error_deg['with'] < 0.02 < error_deg['without']",
     ),
     "5_walking_chair": (
-        "abs(step_mm - scenario.gait.step_mm) < 0.5 and tilt_deg < 0.1",
+        "abs(step_mm - 1e3 * scenario.walk.gaits[0].step) < 0.5 and tilt_deg < 0.1",
         "abs(mass_kg - 70) < 0.3 and abs(x_mm - 20) < 4 and abs(y_mm - 10) < 4",
         "peak_force < 427",
         "margin_mm > 10",

@@ -6,8 +6,8 @@ needs none of their libraries, and loads none of their code.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import escaped, quoted_path
@@ -64,6 +64,16 @@ class Driver(Variant):
         """Whether its address is one at which an emulator of this computer answers."""
         return bool(_emulated_addresses(self))
 
+    def fitted(self, usual: Mapping[str, Any]) -> Self:
+        """The driver with settings of its machine where it leaves them out.
+
+        Args:
+            usual: settings by the names of fields; each takes the place of null and of an empty
+                list.
+        """
+        own = {name: value for name, value in usual.items() if getattr(self, name, value) in _OPEN}
+        return replace(self, **own) if own else self
+
     def make(self, ports: PartPorts) -> "Device":
         """The device, not configured yet.
 
@@ -88,6 +98,10 @@ class Driver(Variant):
         raise ScenarioError(
             f"hardware.drivers: !{type(self).__name__} has no emulator", "hardware.drivers"
         )
+
+
+# Values that stand for a setting that follows from the machine.
+_OPEN: tuple[Any, ...] = (None, [])
 
 
 def emulated(address: str, key: str) -> str:

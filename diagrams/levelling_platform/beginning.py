@@ -119,8 +119,8 @@ def _touchdown(
         UnreachablePosture: the fourth foot does not reach the ground.
     """
     ground, foot_offsets = scenario.ground.inclination, scenario.ground.foot_offsets
-    extension = np.full(LEG_COUNT, scenario.initial_extension)
-    if geometry.deviations or any(foot_offsets):
+    extension = np.array(scenario.initial_extensions)
+    if geometry.deviations or geometry.own_legs or any(foot_offsets):
         posture = forward_kinematics(geometry, extension, ground, (0, 1, 2), foot_offsets)
         whole = geometry.with_stroke(scenario.machine.stops)
         extension = inverse_kinematics(whole, posture, ground, foot_offsets)

@@ -114,7 +114,8 @@ def add_posture_chain(
     """
     control = scenario.control
     geometry, period = scenario.geometry_as_known, control.period
-    reference = PostureReference(geometry, on_unreachable=on_unreachable, period=period)
+    limits = scenario.machine.posture_reference
+    reference = PostureReference(geometry, limits, on_unreachable, period)
     feedforward = KinematicFeedforward(geometry, law=control.feedforward, period=period)
     estimator, attitude = add_attitude(builder, control)
     chain = PostureChain(

@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
+import numpy as np
+
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
 from parapod.diagrams.levelling_platform.model import (
     ARM_JOINTS,
@@ -21,13 +23,17 @@ from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import FaultDetectorParams
 from parapod.systems.levelling_platform.geometry import (
-    ACTIVE_LEGS,
     ARM_BASE,
     LEG_COUNT,
     LegGeometry,
     PlatformGeometry,
 )
-from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
+from parapod.systems.levelling_platform.kinematics import (
+    height_range,
+    inverse_kinematics,
+    posture_jacobian,
+)
+from parapod.systems.levelling_platform.reference import PostureReferenceParams
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, stand
 from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_GEAR, WheelGeometry
@@ -36,8 +42,9 @@ from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 # Smallest and largest length [mm].
 _SHORT, _LONG = 0.1, 20_000.0
 _PAPER = PlatformGeometry()
-# Share of the way from the lowest to the highest level posture at which a job works [-].
-_WORKING = 0.488
+# Share of the way from the lowest to the highest level posture at which a job works, and of the
+# stroke at which it begins on feet [-].
+_WORKING, _INITIAL = 0.488, 2.0 / 3.0
 # Shares of an actuator's way beyond the stroke on the ground: a leg that leaves the ground alone,
 # and one that is up [-].
 _CLEAR, _RAISED = 0.5, 0.75
@@ -46,6 +53,9 @@ _CLEAR, _RAISED = 0.5, 0.75
 _STANDING, _LIFTED = 1.0 / 6.0, (0.2, 0.95)
 # Rates of legs that look for the ground, and that go up, by the actuators' largest speed [-].
 _LOWERING, _RAISING = 0.025, 0.05
+# Height at which the paper's platform works [m]; share of an actuator's speed that a posture's way
+# may take [-].
+_PAPER_HEIGHT, _SHARE_OF_SPEED = 0.477, 0.5
 # Extensions that a wrong encoder alone shows, by the way between the end stops; speeds by the
 # largest one; ways that voltages do not explain, by the largest speed [-, -, s].
 _TOLERANCE, _FASTEST, _RESPONSE = 0.0625, 1.25, 1.0 / 300.0
@@ -208,6 +218,11 @@ class SensorScenario(Schema):
     gyro_bias_deg_s: float = quantity(0.5, 0.0, 5.0)
     imu_delay_ms: float = quantity(0.0, 0.0, 200.0)
     imu_place_mm: list[float] = quantity([0.0] * 3, -_LONG, _LONG, length=3)
+
+    @property
+    def imu_place(self) -> list[float]:
+        """Place of the inertial sensor, from F [m]."""
+        return [length / 1e3 for length in self.imu_place_mm]
 
 
 @dataclass
@@ -387,7 +402,7 @@ class PlatformDesign(Schema):
 
     @property
     def level_heights(self) -> tuple[float, float]:
-        """Heights of the level platform with its legs extended, and retracted [m].
+        """Heights of the level platform that all legs reach: lowest and highest [m].
 
         Raises:
             ScenarioError: legs that do not stand so.
@@ -472,18 +487,58 @@ class PlatformDesign(Schema):
     def lifted_stroke(self) -> tuple[float, float]:
         """Extensions at which it stands on its wheels, feet in the air, and no end is near [m]."""
         low, high = _LIFTED
-        return self._beyond(low), self._beyond(high)
+        return self.beyond_stroke(low), self.beyond_stroke(high)
 
     @property
-    def initial_extension(self) -> float:
-        """Extension of a leg at the beginning of a job on feet, to a micrometre [m]."""
-        low, high = self.geometry.extension_min, self.geometry.extension_max
-        return 1e-3 * round(1e3 * (low + (high - low) / 1.5), 3)
+    def size(self) -> float:
+        """Working height by that of the paper's platform [-]."""
+        return self.working_height / _PAPER_HEIGHT
+
+    @property
+    def posture_reference(self) -> PostureReferenceParams:
+        """Limits of the way to a new posture.
+
+        Time goes with the root of the size, which leaves accelerations what they are. No actuator
+        is asked for more than half its speed.
+        """
+        usual, slower = PostureReferenceParams(), math.sqrt(self.size)
+        rates = np.array((usual.angle_rate, usual.angle_rate, usual.height_rate * self.size))
+        posture = (0.0, 0.0, self.working_height)
+        jacobian = np.abs(posture_jacobian(self.geometry, posture, (0.0, 0.0)))
+        fastest = float((jacobian @ rates).max()) / slower
+        slower *= max(1.0, fastest / (_SHARE_OF_SPEED * self.actuators.max_speed))
+        angle, _, height = (rates / slower).tolist()
+        return PostureReferenceParams(angle, height, usual.shortest_move * slower)
+
+    @property
+    def initial_extensions(self) -> tuple[float, ...]:
+        """Extensions of the legs (4) at the beginning of a job on feet, to a micrometre [m].
+
+        Legs that are alike are extended alike; others bear the platform level.
+        """
+        return self.extensions_at(_INITIAL)
+
+    def extensions_at(self, share: float) -> tuple[float, ...]:
+        """Extensions of the legs (4) with the platform as the ground lies, to a micrometre [m].
+
+        Args:
+            share: share of the stroke of legs that are alike; of others, of the way from the
+                highest to the lowest posture [-].
+        """
+        geometry = self.geometry
+        if self.each_leg:
+            low, high = self.level_heights
+            posture = (0.0, 0.0, high + share * (low - high))
+            extensions = inverse_kinematics(geometry, posture, (0.0, 0.0)).tolist()
+        else:
+            low, high = geometry.extension_min, geometry.extension_max
+            extensions = [low + share * (high - low)] * LEG_COUNT
+        return tuple(1e-3 * round(1e3 * extension, 3) for extension in extensions)
 
     @property
     def raised(self) -> float:
         """Extension of a leg that is up [m]."""
-        return self._beyond(_RAISED)
+        return self.beyond_stroke(_RAISED)
 
     @property
     def supervisor(self) -> SupervisorParams:
@@ -491,7 +546,7 @@ class PlatformDesign(Schema):
         fastest = self.actuators.max_speed
         return SupervisorParams(
             raised=self.raised,
-            clear=self._beyond(_CLEAR),
+            clear=self.beyond_stroke(_CLEAR),
             lowering_rate=_LOWERING * fastest,
             raising_rate=_RAISING * fastest,
         )
@@ -511,7 +566,7 @@ class PlatformDesign(Schema):
             response=actuators.max_speed * _RESPONSE,
             extended=switches.extended,
             retracted=switches.retracted,
-            up=self._beyond(_CLEAR),
+            up=self.beyond_stroke(_CLEAR),
         )
 
     @property
@@ -526,8 +581,12 @@ class PlatformDesign(Schema):
         alone = params.coulomb_friction / params.motor_constant
         return alone, alone + load / params.motor_constant
 
-    def _beyond(self, share: float) -> float:
-        """Extension beyond the stroke on the ground, by a share of the way to the end stop [m]."""
+    def beyond_stroke(self, share: float) -> float:
+        """Extension beyond the stroke on the ground [m].
+
+        Args:
+            share: share of the way from there to the end stop [-].
+        """
         used, stop = self.legs.extension_max_mm / 1e3, self.actuators.stop_max_mm / 1e3
         return used + share * (stop - used)
 
@@ -551,12 +610,11 @@ def _own(leg: LegGeometry, design: LegDesign) -> LegGeometry:
 
 @lru_cache(maxsize=64)
 def _level_heights(geometry: PlatformGeometry) -> tuple[float, float]:
-    extensions = geometry.extension_max, geometry.extension_min
-    try:
-        low, high = (
-            float(forward_kinematics(geometry, [e] * LEG_COUNT, (0.0, 0.0), ACTIVE_LEGS)[2])
-            for e in extensions
+    low, high = height_range(geometry, (0.0, 0.0), (0.0, 0.0)).tolist()
+    if not low < high:
+        shortest, longest = 1e3 * geometry.extension_min, 1e3 * geometry.extension_max
+        key = "machine.legs"
+        raise ScenarioError(
+            f"{key}: it cannot stand level on actuators of {shortest:g} to {longest:g} mm", key
         )
-    except ValueError as error:
-        raise ScenarioError(f"machine.legs: {error}", "machine.legs") from None
     return low, high

@@ -29,8 +29,8 @@ from parapod.systems.levelling_platform.plane import attitude_seeing
 
 _EXTENSION, _LIMITS, _ACCEL = "legs.extension", "legs.limits", "imu.accel"
 _EXTENDED, _CONTACT = slice(0, LEG_COUNT), slice(2 * LEG_COUNT, 3 * LEG_COUNT)
-# Voltages of the search, and of legs that look for the ground [V].
-_FAST, _SLOW, _LOWERING = 1.0, 0.3, 0.5
+# Voltages of the search, by a supply [V]; share of the first with which legs look for the ground.
+_FAST, _SLOW, _SUPPLY, _LOWERING = 1.0, 0.3, 12.0, 0.5
 # Longest search, depth below first contact at which the ground is given up, and height at which a
 # touching foot is no longer believed, by the way between the end stops [-].
 _STROKE, _DEEPEST, _HIGHEST = 1.0625, 0.15, 0.5
@@ -55,12 +55,10 @@ def _sign(driver: Any, index: int, period: float) -> Sign:
     return BySwitch(_LIMITS, index)
 
 
-def _positions(driver: Any) -> list[float]:
-    if driver.extended_mm is None:
-        raise HomingError(
-            f"!{type(driver).__name__}.extended_mm = null: where the switches close is unknown"
-        )
-    return [1e-3 * driver.extended_mm] * LEG_COUNT
+def _positions(usual: float, driver: Any) -> list[float]:
+    """Extensions at which the switches close [m]: the driver's, or the machine's usual one."""
+    own = getattr(driver, "extended_mm", None)
+    return [usual if own is None else 1e-3 * own] * LEG_COUNT
 
 
 def raise_feet(
@@ -234,10 +232,10 @@ def on_floor(machine: PlatformDesign) -> NDArray[np.float64]:
 
 def _lower(homing: Homing, deepest: float) -> Procedure[NDArray[np.float64]]:
     """Lowers all legs until each foot touches; extensions at first contact (4) [m]."""
-    values = yield [0.0] * LEG_COUNT
+    values, lowering = (yield [0.0] * LEG_COUNT), _LOWERING * homing.fast
     touched, elapsed, watch = np.full(LEG_COUNT, np.nan), 0.0, Stopwatch(_EXTENSION)
     watch.lap(values)
-    longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (homing.gain * _LOWERING)
+    longest = _SLOWEST * (max(values[_EXTENSION]) - deepest) / (homing.gain * lowering)
     while np.isnan(touched).any():
         here = np.array(values[_EXTENSION])
         new = np.isnan(touched) & _touching(values)
@@ -251,7 +249,7 @@ def _lower(homing: Homing, deepest: float) -> Procedure[NDArray[np.float64]]:
         if elapsed > longest:
             i = int(np.argmax(np.isnan(touched)))
             raise HomingError(f"leg {i + 1} does not come down: encoder, drive or supply")
-        values = yield np.where(np.isnan(touched), -_LOWERING, 0.0).tolist()
+        values = yield np.where(np.isnan(touched), -lowering, 0.0).tolist()
         elapsed += watch.lap(values)
     return touched
 
@@ -276,16 +274,16 @@ def make_homing(machine: PlatformDesign) -> Homing:
         machine: the platform.
     """
     low, high = machine.stops
-    way = high - low
+    way, supply = high - low, machine.actuators.supply_voltage / _SUPPLY
     return Homing(
         command="voltage",
         measures="extension",
         gain=machine.actuators.params.gain,
-        fast=_FAST,
-        slow=_SLOW,
+        fast=_FAST * supply,
+        slow=_SLOW * supply,
         longest=_STROKE * way,
         sign=_sign,
-        positions=_positions,
+        positions=partial(_positions, machine.actuators.switches.extended),
         size=LEG_COUNT,
         others=(_LIMITS, _EXTENDED),
         begin=partial(raise_feet, _HIGHEST * way),

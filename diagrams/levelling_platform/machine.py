@@ -10,6 +10,7 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.homing import make_homing
 from parapod.diagrams.levelling_platform.mujoco import add_mujoco_bodies
@@ -129,8 +130,16 @@ def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
     return {
         "self_tests": {"legs": legs, "wheels": wheels},
         "homings": {"legs": make_homing(machine)},
+        "fittings": {"legs": _switches(machine)},
         "ports": make_ports(params, machine.level_heights),
     }
+
+
+def _switches(machine: PlatformDesign) -> Mapping[str, Any]:
+    """Places of the end switches, to a micrometre [mm]."""
+    switches = machine.actuators.switches
+    ends = {"extended_mm": switches.extended, "retracted_mm": switches.retracted}
+    return {name: round(1e3 * end, 3) for name, end in ends.items()}
 
 
 PLATFORM = Machine(

@@ -68,9 +68,8 @@ def _add_mujoco_plant(
     bodies = add(builder, MujocoPlant(translated, groups))
     load_force = _drive(builder, model, drives, bodies)
     state = bodies.GetOutputPort("state")
-    signals, observers = observe(
-        builder, model, beginning, state, bodies.GetOutputPort("body_poses")
-    )
+    poses, place = bodies.GetOutputPort("body_poses"), scenario.machine.sensors.imu_place
+    signals, observers = observe(builder, model, beginning, state, poses, place)
     contact_force = bodies.GetOutputPort("contact_force")
     signals |= {"load_force": load_force, "contact_force": contact_force}
     if meshcat is not None and model.is_full:

@@ -119,7 +119,8 @@ def _add_multibody_plant(
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
     state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
-    signals, observers = observe(builder, model, beginning, state, poses)
+    place = scenario.machine.sensors.imu_place
+    signals, observers = observe(builder, model, beginning, state, poses, place)
     feet = observers[1]
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     signals |= {"load_force": load_force, "contact_force": feet.GetOutputPort("contact_force")}
@@ -143,6 +144,7 @@ def observe(
     beginning: Beginning,
     state: OutputPort,
     body_poses: OutputPort,
+    imu_place: Sequence[float],
 ) -> tuple[dict[str, OutputPort], tuple[PlatformTruth, FootTruth]]:
     """Adds what tells about simulated bodies: signals of a `Plant` but forces, and observers.
 
@@ -152,12 +154,14 @@ def observe(
         beginning: the beginning.
         state: state of the model's plant.
         body_poses: poses of its bodies in the world.
+        imu_place: place of the inertial sensor, from the platform's centre F [m].
     """
     truth = add(builder, PlatformTruth(model, beginning.ground, beginning.foot_offsets))
     connect(builder, state, truth.GetInputPort("state"))
     feet = add(builder, FootTruth(model, beginning.ground, beginning.foot_offsets))
     connect(builder, body_poses, feet.GetInputPort("body_poses"))
-    attitude, angular_velocity, specific_force = _add_inertial_motion(builder, model, state)
+    inertial = _add_inertial_motion(builder, model, state, imu_place)
+    attitude, angular_velocity, specific_force = inertial
     signals = {
         "posture": truth.GetOutputPort("posture"),
         "attitude": attitude,
@@ -261,9 +265,9 @@ def led_legs(
 
 
 def _add_inertial_motion(
-    builder: DiagramBuilder, model: PlatformModel, state: OutputPort
+    builder: DiagramBuilder, model: PlatformModel, state: OutputPort, place: Sequence[float]
 ) -> list[OutputPort]:
-    """True attitude, angular velocity and specific force at the platform's centre."""
+    """True attitude, angular velocity and specific force at a place on the platform [m]."""
     plant = model.plant
     period = sample_period()
     motion = add(
@@ -273,6 +277,7 @@ def _add_inertial_motion(
             model.base.floating_positions_start(),
             plant.num_positions() + model.base.floating_velocities_start_in_v(),
             period,
+            place=place,
         ),
     )
     last = add(builder, ZeroOrderHold(period, plant.num_multibody_states()), "last_state")
@@ -540,7 +545,7 @@ def add_mock(
     """
     period = scenario.control.period
     params = replace(scenario.machine.actuators.params, model="integrator", coulomb_friction=0.0)
-    start = _mock_extension(scenario)
+    start = scenario.initial_extensions
     actuators = add(builder, LinearActuator(params, time_step=period, extension=start))
     # Without lag and counts; as fast as the real ones.
     exact = VelocityServoParams(0.0, 1e-9, scenario.machine.wheels.drive.max_velocity)
@@ -572,10 +577,6 @@ def add_mock(
 
     def reset(root_context: Context, beginning: LevellingScenario) -> None:
         context = actuators.GetMyMutableContextFromRoot(root_context)
-        actuators.set_extension(context, _mock_extension(beginning))
+        actuators.set_extension(context, beginning.initial_extensions)
 
     return Behind(inputs, outputs, reset)
-
-
-def _mock_extension(scenario: LevellingScenario) -> float:
-    return scenario.initial_extension

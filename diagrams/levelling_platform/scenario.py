@@ -354,7 +354,9 @@ class LevellingScenario(Schema):
         return self.machine.working_height if height is None else 1e-3 * height
 
     @property
-    def initial_extension(self) -> float:
-        """Extension of legs 1 to 3 at the beginning on feet [m]."""
+    def initial_extensions(self) -> tuple[float, ...]:
+        """Extensions of the legs (4) at the beginning on feet, of leg 4 as far as known [m]."""
         extension = self.job.initial_extension_mm
-        return self.machine.initial_extension if extension is None else 1e-3 * extension
+        if extension is None:
+            return self.machine.initial_extensions
+        return (1e-3 * extension,) * LEG_COUNT

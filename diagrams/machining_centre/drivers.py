@@ -1,30 +1,29 @@
-"""Drivers with the machining centres' own defaults: a tripod's six legs, a quadruped's eight."""
+"""The driver of a machining centre's legs, with its own defaults."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from parapod.diagrams.drivers.epos2 import Epos2PositionScrews
 from parapod.systems.core.schema import quantity
 from parapod.systems.hardware.epos2.switches import switches_of_limbs
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB
 
-_TRIPOD, _QUADRUPED = 3, 4
-_THREE, _FOUR = switches_of_limbs(_TRIPOD), switches_of_limbs(_QUADRUPED)
-_SHORTEST, _LONGEST = 1e3 * CentreGeometry().stroke_min, 1e3 * CentreGeometry().stroke_max
-
-
-def _of_legs(limbs: int, value: float) -> list[float]:
-    return [value] * (2 * limbs)
+# Stop contact of the first limb, which every centre has.
+_SWITCHES = switches_of_limbs(1)
 
 
 @dataclass
-class Epos2TripodLegs(Epos2PositionScrews):
-    """A tripod's six legs, locks and clamps on EPOS2 24/5 controllers: see `Epos2PositionScrews`.
+class Epos2CentreLegs(Epos2PositionScrews):
+    """A centre's legs, locks and clamps on EPOS2 24/5 controllers: see `Epos2PositionScrews`.
 
-    Motors, gears and screws are not printed anywhere, so theirs are assumptions.
+    Motors, gears and screws are not printed anywhere, so theirs are assumptions. Lists that are
+    empty or null follow from the number of the limbs and from their strokes, as
+    `switches_of_limbs` has them.
 
     Attributes:
         node_ids: addresses of the controllers: left and right leg of limb 1, of limb 2, ...
+        signs: 1, or -1 where the motor's positive direction retracts the leg.
         max_velocity_rpm: largest velocity of a motor [rpm]; 1800 are 150 mm/s.
         following_error_mm: distance of a leg from its set value at which its drive gives up [mm].
         position_min_mm: lengths from foot to pivot below which nothing retracts [mm].
@@ -33,44 +32,26 @@ class Epos2TripodLegs(Epos2PositionScrews):
             stop, which is closed while that is not pressed; null: none is measured.
     """
 
+    former: ClassVar[tuple[str, ...]] = ("Epos2TripodLegs", "Epos2QuadrupedLegs")
+
     part: str = "legs"
-    node_ids: list[int] = quantity([*range(1, 2 * _TRIPOD + 1)], 1, 127, length=2 * _TRIPOD)
+    node_ids: list[int] = quantity([], 1, 127)
     max_velocity_rpm: float = quantity(1800.0, 1.0, 100_000.0)
     following_error_mm: float = quantity(5.0, 0.01, 100.0)
-    signs: list[int] = quantity([1] * 2 * _TRIPOD, -1, 1, length=2 * _TRIPOD)
-    position_min_mm: list[float] = quantity(
-        _of_legs(_TRIPOD, _SHORTEST), 0.0, 5000.0, length=2 * _TRIPOD
-    )
-    position_max_mm: list[float] = quantity(
-        _of_legs(_TRIPOD, _LONGEST), 0.0, 5000.0, length=2 * _TRIPOD
-    )
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=2 * _TRIPOD)
-    lock_nodes: list[int] = quantity(_THREE.lock_nodes, 1, 127, length=LOCKS_OF_LIMB * _TRIPOD)
-    lock_outputs: list[int] = quantity(_THREE.lock_outputs, 1, 4, length=LOCKS_OF_LIMB * _TRIPOD)
-    lock_inputs: list[int] = quantity(_THREE.lock_inputs, 1, 6, length=LOCKS_OF_LIMB * _TRIPOD)
-    clamp_nodes: list[int] = quantity(_THREE.clamp_nodes, 1, 127, length=_TRIPOD)
-    clamp_outputs: list[int] = quantity(_THREE.clamp_outputs, 1, 4, length=_TRIPOD)
-    clamp_inputs: list[int] = quantity(_THREE.clamp_inputs, 1, 6, length=_TRIPOD)
-    stop_node: int | None = quantity(_THREE.stop_node, 1, 127)
-    stop_input: int = quantity(_THREE.stop_input, 1, 6)
+    signs: list[int] = quantity([], -1, 1)
+    position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
+    position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
+    stop_node: int | None = quantity(_SWITCHES.stop_node, 1, 127)
+    stop_input: int = quantity(_SWITCHES.stop_input, 1, 6)
 
 
-@dataclass
-class Epos2QuadrupedLegs(Epos2TripodLegs):
-    """A quadruped's eight legs, with its locks and clamps: see `Epos2TripodLegs`."""
-
-    node_ids: list[int] = quantity([*range(1, 2 * _QUADRUPED + 1)], 1, 127, length=2 * _QUADRUPED)
-    signs: list[int] = quantity([1] * 2 * _QUADRUPED, -1, 1, length=2 * _QUADRUPED)
-    position_min_mm: list[float] = quantity(
-        _of_legs(_QUADRUPED, _SHORTEST), 0.0, 5000.0, length=2 * _QUADRUPED
-    )
-    position_max_mm: list[float] = quantity(
-        _of_legs(_QUADRUPED, _LONGEST), 0.0, 5000.0, length=2 * _QUADRUPED
-    )
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=2 * _QUADRUPED)
-    lock_nodes: list[int] = quantity(_FOUR.lock_nodes, 1, 127, length=LOCKS_OF_LIMB * _QUADRUPED)
-    lock_outputs: list[int] = quantity(_FOUR.lock_outputs, 1, 4, length=LOCKS_OF_LIMB * _QUADRUPED)
-    lock_inputs: list[int] = quantity(_FOUR.lock_inputs, 1, 6, length=LOCKS_OF_LIMB * _QUADRUPED)
-    clamp_nodes: list[int] = quantity(_FOUR.clamp_nodes, 1, 127, length=_QUADRUPED)
-    clamp_outputs: list[int] = quantity(_FOUR.clamp_outputs, 1, 4, length=_QUADRUPED)
-    clamp_inputs: list[int] = quantity(_FOUR.clamp_inputs, 1, 6, length=_QUADRUPED)
+def fittings_of(geometry: CentreGeometry) -> Mapping[str, Any]:
+    """Settings of the legs' driver that follow from a centre."""
+    legs = 2 * geometry.limbs
+    lists = switches_of_limbs(geometry.limbs)._asdict()
+    return {name: numbers for name, numbers in lists.items() if isinstance(numbers, list)} | {
+        "node_ids": list(range(1, legs + 1)),
+        "signs": [1] * legs,
+        "position_min_mm": [1e3 * geometry.stroke_min] * legs,
+        "position_max_mm": [1e3 * geometry.stroke_max] * legs,
+    }

@@ -10,6 +10,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from parapod.diagrams.machine import Machine, SelfTest, numbered
 from parapod.diagrams.machining_centre.controller import make_controller
 from parapod.diagrams.machining_centre.design import CentreDesign
+from parapod.diagrams.machining_centre.drivers import fittings_of
 from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.plants import add_bodies, add_kinematics, add_mock
 from parapod.diagrams.machining_centre.ports import PARTS, ports_of_limbs
@@ -38,8 +39,12 @@ def _stop(scenario: CentreScenario) -> Sequence[System]:
 def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
     """Sizes of the ports, and what may be moved alone."""
     alone = {"legs": _MOVE} if scenario.machine.limbs == _MOVES_ALONE else {}
-    axes = {"legs": numbered("leg", 2 * scenario.machine.limbs)}
-    return {"ports": ports_of_limbs(scenario.machine.limbs), "self_tests": alone, "axes": axes}
+    return {
+        "ports": ports_of_limbs(scenario.machine.limbs),
+        "self_tests": alone,
+        "axes": {"legs": numbered("leg", 2 * scenario.machine.limbs)},
+        "fittings": {"legs": fittings_of(scenario.machine.geometry)},
+    }
 
 
 def _limits(scenario: CentreScenario) -> Limits:

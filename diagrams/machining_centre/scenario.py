@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machining_centre.design import CentreDesign
-from parapod.diagrams.machining_centre.drivers import Epos2TripodLegs
+from parapod.diagrams.machining_centre.drivers import Epos2CentreLegs
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -200,7 +200,7 @@ class CentreControlScenario(Schema):
 
 def emulated_hardware() -> HardwareScenario:
     """The devices of `parapod emulate centre-walk`."""
-    return HardwareScenario([Epos2TripodLegs()])
+    return HardwareScenario([Epos2CentreLegs()])
 
 
 @dataclass

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2ForceSlides, Epos2PositionScrews
 from parapod.systems.core.schema import quantity
-from parapod.systems.terrain_simulator.geometry import BenchGeometry
 
-_SLIDERS, _BENCH = 3, BenchGeometry.pedal()
-_REAR, _FRONT = 1e3 * _BENCH.slider_min, 1e3 * _BENCH.slider_max
+_SLIDERS = 3
 
 
 @dataclass
@@ -23,8 +21,8 @@ class Epos2Sliders(Epos2PositionScrews):
         lead_mm: way of a slider per turn of its pulley [mm].
         following_error_mm: distance of a slider from its set value at which its drive gives up
             [mm].
-        position_min_mm: places along the rail behind which nothing goes [mm].
-        position_max_mm: places ahead of which nothing goes [mm].
+        position_min_mm: places along the rail behind which nothing goes [mm]; null: its ends.
+        position_max_mm: places ahead of which nothing goes [mm]; null: its ends.
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
         stop_node: address of the controller at whose digital input is a contact of the emergency
@@ -39,9 +37,9 @@ class Epos2Sliders(Epos2PositionScrews):
     following_error_mm: float = quantity(50.0, 0.01, 1000.0)
     quick_stop_mm_s2: float = quantity(40_000.0, 1.0, 1e6)
     signs: list[int] = quantity([1] * _SLIDERS, -1, 1, length=_SLIDERS)
-    position_min_mm: list[float] = quantity([_REAR] * _SLIDERS, 0.0, 5000.0, length=_SLIDERS)
-    position_max_mm: list[float] = quantity([_FRONT] * _SLIDERS, 0.0, 5000.0, length=_SLIDERS)
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=_SLIDERS)
+    position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_SLIDERS)
+    position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_SLIDERS)
+    position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_SLIDERS)
     position_file: str = "emulator/sliders.json"
     stop_node: int | None = quantity(1, 1, 127)
 
@@ -57,8 +55,9 @@ class Epos2HipSlide(Epos2ForceSlides):
         lead_mm: way of the slide per turn of its pulley [mm].
         max_force_N: largest force that is commanded [N].
         force_per_current_N_A: force by the motor's current [N/A].
-        position_min_mm: height of the hip below which only forces upwards are allowed [mm].
-        position_max_mm: height above which only forces downwards are [mm].
+        position_min_mm: height of the hip below which only forces upwards are allowed [mm]; null:
+            the slide's end.
+        position_max_mm: height above which only forces downwards are [mm]; null: the slide's end.
     """
 
     part: str = "hip"
@@ -69,9 +68,9 @@ class Epos2HipSlide(Epos2ForceSlides):
     max_force_N: float = quantity(2000.0, 0.1, 1e5)  # noqa: N815 (the unit's symbol)
     force_per_current_N_A: float = quantity(400.0, 0.01, 1e5)  # noqa: N815
     signs: list[int] = quantity([1], -1, 1, length=1)
-    position_min_mm: list[float] = quantity([400.0], 0.0, 5000.0, length=1)
-    position_max_mm: list[float] = quantity([1400.0], 0.0, 5000.0, length=1)
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=1)
+    position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=1)
+    position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=1)
+    position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=1)
     position_file: str = "emulator/hip.json"
 
 

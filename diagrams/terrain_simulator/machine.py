@@ -46,8 +46,18 @@ def _sources(scenario: TerrainBenchScenario) -> Sequence[System]:
 
 
 def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
-    """Sizes of the ports of the leg."""
-    return {"ports": ports_of_joints(scenario.leg.ports)}
+    """Sizes of the ports of the leg, and the drives' limits."""
+    machine = scenario.machine
+    rail = machine.geometry.slider_min, machine.geometry.slider_max
+    ends = {
+        "sliders": [[1e3 * end] * 3 for end in rail],
+        "hip": [[machine.hip_min_mm], [machine.hip_max_mm]],
+    }
+    names = "position_min_mm", "position_max_mm"
+    return {
+        "ports": ports_of_joints(scenario.leg.ports),
+        "fittings": {part: dict(zip(names, both, strict=True)) for part, both in ends.items()},
+    }
 
 
 def _limits(scenario: TerrainBenchScenario) -> Limits:

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 from parapod.diagrams.drivers.epos2 import Epos2Screws
 from parapod.systems.core.schema import quantity
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.geometry import BRANCHES
 
-# Lengths of a leg's branches, one UP and two UPS, retracted and extended, to the micrometre [mm].
-_RETRACTED, _EXTENDED = (1e3 * ChairGeometry().leg.strokes).round(3).T.tolist()
-_BRANCHES = LEG_COUNT * len(_RETRACTED)
+_BRANCHES = len(BRANCHES)
 
 
 @dataclass
@@ -20,8 +18,8 @@ class Epos2Legs(Epos2Screws):
     Attributes:
         node_ids: addresses of the controllers, in the order of the branches 11, 12, 13, ... 43.
         max_velocity_rpm: largest velocity of a motor [rpm]; 4800 are 80 mm/s.
-        position_min_mm: lengths below which nothing retracts, the ends of the strokes [mm].
-        position_max_mm: lengths above which nothing extends, the ends of the strokes [mm].
+        position_min_mm: lengths below which nothing retracts [mm]; null: the strokes' ends.
+        position_max_mm: lengths above which nothing extends [mm]; null: the strokes' ends.
         stop_node: address of the controller at whose digital input is a contact of the emergency
             stop, which is closed while that is not pressed; null: none is measured.
     """
@@ -32,9 +30,9 @@ class Epos2Legs(Epos2Screws):
     max_velocity_rpm: float = quantity(4800.0, 1.0, 100_000.0)
     reduction: float = quantity(5.0, 0.01, 10000.0)
     signs: list[int] = quantity([1] * _BRANCHES, -1, 1, length=_BRANCHES)
-    position_min_mm: list[float] = quantity(_RETRACTED * LEG_COUNT, 0.0, 5000.0, length=_BRANCHES)
-    position_max_mm: list[float] = quantity(_EXTENDED * LEG_COUNT, 0.0, 5000.0, length=_BRANCHES)
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0, length=_BRANCHES)
+    position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_BRANCHES)
+    position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_BRANCHES)
+    position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_BRANCHES)
 
     @property
     def axis_names(self) -> tuple[str, ...]:

@@ -61,8 +61,11 @@ def _emulated(scenario: ChairScenario, period: float) -> ChairScenario:
 
 
 def _variant(scenario: ChairScenario) -> Mapping[str, Any]:
-    """The homing, which ends where the legs do."""
-    return {"homings": {"legs": make_homing(scenario.machine.geometry.leg)}}
+    """The homing, which ends where the legs do, and the drives' limits."""
+    leg = scenario.machine.geometry.leg
+    retracted, extended = (1e3 * leg.strokes).round(3).T.tolist()
+    ends = {"position_min_mm": retracted * LEG_COUNT, "position_max_mm": extended * LEG_COUNT}
+    return {"homings": {"legs": make_homing(leg)}, "fittings": {"legs": ends}}
 
 
 CHAIR = Machine(

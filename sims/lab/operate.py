@@ -57,7 +57,8 @@ def operate(
     if scenario.backend == "hardware":
         from parapod.diagrams.drivers.driver import refuse_without_emulator
 
-        refuse_without_emulator(scenario.hardware.drivers, experiment.name)
+        drivers = experiment.machine.drivers(scenario)
+        refuse_without_emulator(drivers, experiment.name)
     title = f"{experiment.name}: {experiment.machine.title}"
     with Desk(experiment.name, scenario, title, host) as desk:
         loop = experiment.operated(scenario, desk)

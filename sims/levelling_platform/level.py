@@ -30,7 +30,6 @@ from parapod.sims.levelling_platform.levelling import (
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
-from parapod.systems.levelling_platform.reference import PostureReferenceParams
 
 # Errors of the paper's closed loop (section 7), and the bounds of "level".
 _ANGLE_BOUND = 0.2  # [deg]
@@ -253,7 +252,7 @@ def _settling_bound(
 
     The reference moves at most so fast, and the position loops lag behind it.
     """
-    job, limits = scenario.job, PostureReferenceParams()
+    job, limits = scenario.job, scenario.machine.posture_reference
     estimated = posture[(time >= job.estimate_at) & np.isfinite(posture).all(axis=1)]
     if not estimated.size:
         return job.settled_after

@@ -218,7 +218,8 @@ class EmulatedMachine:
         self._context = self._simulator.get_mutable_context()
         self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
         self._sizes[SUPPLY] = 1
-        self._parts = sorted({driver.part for driver in scenario.hardware.drivers})
+        self.drivers = machine.drivers(scenario)
+        self._parts = sorted({driver.part for driver in self.drivers})
         self._wires = make_emulator_directory() / WIRES
         self._program = _only_emulator()
         self.harness = SharedHarness(self._wires, self._sizes, self._parts, is_new=True)
@@ -266,7 +267,7 @@ class EmulatedMachine:
         Raises:
             ScenarioError: a driver has no emulator, or an address that is not the emulator's.
         """
-        drivers = [one for one in self._scenario.hardware.drivers if not one.is_timeless]
+        drivers = [one for one in self.drivers if not one.is_timeless]
         # A real device does not wait for another one: by the computer's clock these must not for
         # Python's interpreter lock, and have a process each. An emulated time waits for them.
         groups = [[driver] for driver in drivers] if self.clock is None else [drivers]

@@ -65,7 +65,7 @@ def home_part(
         able = ", ".join(machine.homings) or "none"
         raise ScenarioError(f"part {quoted(part)} cannot be homed; those that can: {able}")
     homing = machine.homings[part]
-    drivers: list[Driver] = scenario.hardware.drivers
+    drivers = machine.drivers(scenario)
     period = scenario.control.period
     parts = make_parts(drivers, machine.inputs, machine.measured, period)
     parts_wanted = (part, *homing.parts)

@@ -136,7 +136,7 @@ def run_on_hardware(
     root = simulator.get_mutable_context()
     watch = DeviceWatch(parts.all_threads)
     with ExitStack() as stack:
-        drivers = station.scenario.hardware.drivers
+        drivers = loop.machine.drivers(station.scenario)
         clock = stack.enter_context(time_of(drivers, loop.machine.experiment))
         stack.enter_context(ended_by_signals())
         write = stack.enter_context(logged(options, loop, root, what))

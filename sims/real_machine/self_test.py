@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.devices import make_parts
-from parapod.diagrams.drivers.driver import Driver, time_of
+from parapod.diagrams.drivers.driver import time_of
 from parapod.diagrams.machine import Machine, SelfTest
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
@@ -82,8 +82,8 @@ def check_part(
             devices of an emulator that does not run.
         DeviceError: a device is not there, is another one, or fails.
     """
-    drivers: list[Driver] = scenario.hardware.drivers
     machine = machine.for_scenario(scenario)
+    drivers = machine.drivers(scenario)
     parts = make_parts(drivers, machine.inputs, machine.measured, scenario.control.period)
     if part not in parts.threads:
         raise ScenarioError(f"part {quoted(part)} is not one of {', '.join(parts.threads)}")

@@ -47,6 +47,8 @@ _WIDTH = 99
 _LONGEST_BEFORE_COMMENT = 44
 _PARAGRAPH = "\n\n"  # between two paragraphs of a docstring
 FILE = "!File"  # tag of the name of a file whose data are to stand in its place
+# Texts that name models and functions of one's own; in a file they are beside it.
+_BESIDE = re.compile(r"([^:]+\.(?:urdf|sdf|dmd\.yaml|py))(:\w+)?")
 
 
 def load_scenario[T](
@@ -75,7 +77,7 @@ def load_scenario[T](
         if path is not None:
             source = f"{what} {escaped(path, 240)}"
             data = parse(read_text(path), source, folder=path.parent)
-            data = {} if data is None else data
+            data = {} if data is None else _located(data, path.parent)
             if path is machine:
                 data = {"machine": data}
             tree = overlay(schema, tree, Reader(schema, source).read(schema, data))
@@ -174,7 +176,8 @@ def read_text(path: Path) -> str:
 class _Loader(yaml.SafeLoader):
     """Plain data; a tag of a mapping that is not YAML's own becomes its key `TAG`.
 
-    `!File NAME` stands for the data of another file.
+    `!File NAME` stands for the data of another file. The name of a model, such as arm.urdf, or of
+    a function, such as mine.py:make, is looked for beside the file that has it.
     """
 
     def __init__(self, text: str, folder: Path | None):
@@ -206,10 +209,22 @@ class _Loader(yaml.SafeLoader):
             raise ValueError(f"{FILE} must be followed by the name of a file")
         path = self._folder / name
         data = parse(read_text(path), f"file {escaped(path, 240)}")
-        return {} if data is None else data
+        return {} if data is None else _located(data, path.parent)
 
 
 _Loader.add_multi_constructor("", _Loader.construct_tagged)
+
+
+def _located(data: Any, folder: Path) -> Any:
+    """The data with names of files that are in a folder leading there."""
+    if isinstance(data, dict):
+        return {key: _located(item, folder) for key, item in data.items()}
+    if isinstance(data, list):
+        return [_located(item, folder) for item in data]
+    name = _BESIDE.fullmatch(data) if isinstance(data, str) else None
+    if name is None or not (folder / name[1]).is_file():
+        return data
+    return f"{folder / name[1]}{name[2] or ''}"
 
 
 def parse(text: str, source: str, private: bool = False, folder: Path | None = None) -> Any:

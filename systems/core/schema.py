@@ -135,6 +135,8 @@ class Variant(Schema):
     # where a tag is not known.
     not_imported: ClassVar[tuple[str, ...]] = ()
     others: ClassVar[str] = ""
+    # Former names of a variant, which are read with a warning.
+    former: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def variants(cls) -> dict[str, type]:
@@ -423,6 +425,8 @@ class Reader:
         tag = value.get(TAG) if isinstance(value, dict) else None
         name = str(tag).removeprefix("!")
         if name not in variants:
+            name = _renamed(variants, name)
+        if name not in variants:
             hint = did_you_mean(name, variants)
             given_name = show(value) if tag is None else printable(tag, _LONGEST_KEY)
             reasons = (*family.not_imported, *family.clashes(), family.others)
@@ -543,6 +547,16 @@ def _dotted(kind: Any, key: str = "") -> Iterator[str]:
         inner, _ = split_optional(inner)
         if is_schema(inner):
             yield from _dotted(inner, _join(key, name))
+
+
+def _renamed(variants: Mapping[str, type], name: str) -> str:
+    """Name of today of a variant, if a name is a former one."""
+    for current, variant in variants.items():
+        if name in vars(variant).get("former", ()):
+            text = f"the tag !{name} is now !{current}"
+            warnings.warn(text, DeprecationWarning, stacklevel=2)
+            return current
+    return name
 
 
 def _tags(family: type[Variant]) -> str:

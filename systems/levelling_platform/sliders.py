@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import degrees, radians
+from math import ceil, degrees, floor, radians
 from typing import Any, Protocol
 
 import numpy as np
@@ -45,6 +45,8 @@ _LONGEST = 1e3
 class PostureSlidersParams:
     """Range of the sliders where the ground is not known: a little more than on level ground.
 
+    Defaults are the paper's platform's.
+
     Attributes:
         angle: largest roll and pitch to either side [rad].
         height_min: smallest height [m].
@@ -53,11 +55,27 @@ class PostureSlidersParams:
         height_step: step of the slider of the height [m].
     """
 
-    angle: float = radians(7.0)
+    angle: float = radians(10.0)
     height_min: float = 0.39
     height_max: float = 0.57
     angle_step: float = radians(0.1)
     height_step: float = 0.001
+
+    @classmethod
+    def for_geometry(cls, geometry: PlatformGeometry) -> "PostureSlidersParams":
+        """Ranges of a platform: whole centimetres and degrees around all that it can take."""
+        level = (0.0, 0.0)
+        low, high = height_range(geometry, level, level).tolist()
+        angles = np.radians(np.arange(1.0, 90.0))
+        turns = np.zeros((2, len(angles), 2))
+        turns[0, :, 0] = turns[1, :, 1] = angles
+        lowest, highest = np.moveaxis(height_range(geometry, turns, level), -1, 0)
+        count = int((lowest <= highest).sum(axis=1).max())
+        return cls(
+            angle=radians(count + 1.0),
+            height_min=floor(100.0 * low) / 100.0,
+            height_max=ceil(100.0 * high) / 100.0,
+        )
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -117,7 +135,7 @@ class _PostureControls(LeafSystem):
         controls: Controls,
         height: float = 0.477,
         geometry: PlatformGeometry = PlatformGeometry(),
-        params: PostureSlidersParams = PostureSlidersParams(),
+        params: PostureSlidersParams | None = None,
         period: float = 0.05,
     ):
         """Creates the source; shows nothing yet.
@@ -126,11 +144,12 @@ class _PostureControls(LeafSystem):
             controls: owner of sliders and buttons: a `Meshcat`, or one with its methods.
             height: height of the level posture [m].
             geometry: the platform.
-            params: range of the posture's sliders.
+            params: ranges of the posture's sliders; None: those for the geometry.
             period: period of reading the controls [s].
         """
         super().__init__()
-        self._controls, self._geometry, self._params = controls, geometry, params
+        self._controls, self._geometry = controls, geometry
+        self._params = params or PostureSlidersParams.for_geometry(geometry)
         self._level = np.array([0.0, 0.0, height])
         self._fitted: list[float] = []
         self._ground = self.DeclareVectorInputPort("ground_estimated", 2)

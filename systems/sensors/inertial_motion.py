@@ -1,5 +1,6 @@
 """Motion that an ideal inertial sensor in a simulated floating body would sense."""
 
+from collections.abc import Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -11,7 +12,7 @@ from parapod.systems.core.vectors import Axes
 
 
 class InertialMotion(LeafSystem):
-    """Attitude, angular velocity and mean specific force at a floating body's origin.
+    """Attitude, angular velocity and mean specific force at a place on a floating body.
 
     | port | size | unit | meaning |
     |---|---|---|---|
@@ -35,6 +36,7 @@ class InertialMotion(LeafSystem):
         velocity_start: index at which its angular and translational velocity begin there.
         period: period of the sensor [s].
         gravity: [m/s^2].
+        place: place of the sensor, from the body's origin along its axes [m].
     """
 
     def __init__(
@@ -44,14 +46,16 @@ class InertialMotion(LeafSystem):
         velocity_start: int,
         period: float,
         gravity: float = GRAVITY,
+        place: Sequence[float] = (0.0, 0.0, 0.0),
     ):
         super().__init__()
         self.set_name("inertial_motion")
         self._period, self._gravity = period, gravity
+        self._place = tuple(map(float, place)) if any(place) else None
         turning = range(velocity_start, velocity_start + 3)
         translation = range(velocity_start + 3, velocity_start + 6)
         # Of some fifty numbers these are taken one by one.
-        self._moving = itemgetter(*range(pose_start, pose_start + 4), *turning, *translation)
+        self._moving = itemgetter(*range(pose_start, pose_start + 4), *turning)
         self._translation = itemgetter(*translation)
         self._state: Any = self.DeclareVectorInputPort("state", state_size)
         self._last: Any = self.DeclareVectorInputPort("last_state", state_size)
@@ -60,10 +64,11 @@ class InertialMotion(LeafSystem):
         )
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        now = self._moving(self._state.EvalBasicVector(context))
-        last = self._translation(self._last.EvalBasicVector(context))
-        axes = Axes.from_quaternion(now[:4])
-        w_x, w_y, w_z, v_x, v_y, v_z = now[4:]
+        state = self._state.EvalBasicVector(context)
+        *quaternion, w_x, w_y, w_z = self._moving(state)
+        v_x, v_y, v_z = self._velocity(state)
+        last = self._velocity(self._last.EvalBasicVector(context))
+        axes = Axes.from_quaternion(quaternion)
         f_x, f_y = (v_x - last[0]) / self._period, (v_y - last[1]) / self._period
         f_z = (v_z - last[2]) / self._period
         output.SetFromVector(
@@ -74,4 +79,21 @@ class InertialMotion(LeafSystem):
                     *axes.components((f_x, f_y, f_z + self._gravity)),
                 )
             )
+        )
+
+    def _velocity(self, state: BasicVector) -> Sequence[float]:
+        """Velocity of the sensor in the world [m/s]."""
+        velocity: tuple[float, ...] = self._translation(state)
+        if self._place is None:
+            return velocity
+        *quaternion, w_x, w_y, w_z = self._moving(state)
+        if not any(quaternion):  # held states begin at zero: at rest
+            return velocity
+        x, y, z = self._place
+        axes = Axes.from_quaternion(quaternion)
+        r_x, r_y, r_z = (a * x + b * y + c * z for a, b, c in zip(*axes, strict=True))
+        return (
+            velocity[0] + w_y * r_z - w_z * r_y,
+            velocity[1] + w_z * r_x - w_x * r_z,
+            velocity[2] + w_x * r_y - w_y * r_x,
         )

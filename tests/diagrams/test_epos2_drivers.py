@@ -17,6 +17,7 @@ from parapod.diagrams.machine import Machine, MachineScenario
 from parapod.diagrams.ports import In, Out
 from parapod.diagrams.station import Station
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
+from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import dump_scenario, load_scenario
@@ -48,7 +49,8 @@ def test_the_default_screws_move_with_80_mm_s_at_most():
 
 
 def test_the_default_limits_are_the_strokes_of_the_chair():
-    limits = Epos2Legs().limits
+    (driver,) = CHAIR.drivers(ChairScenario())
+    limits = driver.limits
     strokes = CHAIR_GEOMETRY.leg.strokes
     assert limits.lower == pytest.approx(strokes[:, 0].tolist() * LEG_COUNT, abs=1e-12)
     assert limits.upper == pytest.approx(strokes[:, 1].tolist() * LEG_COUNT, abs=1e-12)
@@ -242,7 +244,8 @@ def test_limbs_have_their_locks_at_the_left_leg_s_node_and_their_clamp_at_the_ri
 
 
 def test_screws_without_locks_and_clamps_have_no_signals_of_them():
-    device = Epos2PositionScrews(part="legs").make(PORTS)
+    ends = {"position_min_mm": [600.0], "position_max_mm": [800.0]}
+    device = Epos2PositionScrews(part="legs", **ends).make(PORTS)
     assert set(device.commands) == {"position_command", "brake"}
 
 

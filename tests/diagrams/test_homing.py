@@ -293,9 +293,9 @@ def test_ends_that_are_found_at_several_places_are_none():
         homed(legs, PLATFORM_LEGS, NI)
 
 
-def test_without_a_place_of_the_switches_nothing_is_looked_for():
-    with pytest.raises(HomingError, match="extended_mm = null"):
-        PLATFORM_LEGS.positions(SimpleNamespace(extended_mm=None))
+def test_switches_close_where_the_driver_says_or_else_the_machine():
+    assert PLATFORM_LEGS.positions(SimpleNamespace()) == [0.4595] * 4
+    assert PLATFORM_LEGS.positions(SimpleNamespace(extended_mm=451.0)) == [0.451] * 4
 
 
 def _on_floor(legs):

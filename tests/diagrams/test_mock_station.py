@@ -25,7 +25,7 @@ from parapod.systems.levelling_platform.plane import to_platform
 PERIOD = LevellingScenario().control.period
 GAIN = LinearActuatorParams().gain
 GRAVITY = 9.81  # of the simulated plants [m/s^2]
-START = LevellingScenario().initial_extension
+START = LevellingScenario().initial_extensions[0]
 
 
 class Mock:

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import pytest
@@ -49,8 +49,15 @@ DRIVERS = {
 # Longest time that a law waits for what must happen [s].
 PATIENCE = 60.0
 LIBRARIES = sorted(EXTRAS)
-# Drivers of another number of axes than a machine has in its default scenario.
-_OTHER_SIZES = ("Epos2QuadrupedLegs",)
+
+
+def fitted(driver):
+    """A driver with what it takes from its machine, if it is one's own."""
+    for machine in MACHINES:
+        if f".diagrams.{machine.name}." in type(driver).__module__:
+            fittings = machine.for_scenario(machine.scenario()).fittings
+            return driver.fitted(fittings.get(driver.part, {}))
+    return driver
 
 
 @dataclass
@@ -277,8 +284,7 @@ ROWS = {
             rest={"velocity_command": (0.0,), "brake": (1.0,)},
         )
     ),
-    "Epos2TripodLegs": Row(**limbs(3, like="Epos2PositionScrews")),
-    "Epos2QuadrupedLegs": Row(**limbs(4, like="Epos2PositionScrews")),
+    "Epos2CentreLegs": Row(**limbs(3, like="Epos2PositionScrews")),
     "Epos2Legs": Row(
         **axes(
             12,
@@ -371,7 +377,7 @@ class Rig:
 
     def __init__(self, name, **settings):
         self.row = row = ROWS[name]
-        self.driver = DRIVERS[name](**row.settings | settings)
+        self.driver = fitted(DRIVERS[name](**row.settings | settings))
         self.ports = PartPorts(row.measures, row.commands)
         self.misbehaviour = Misbehaviour()
         self.harness = Harness(wires(row, self.driver.part))
@@ -519,7 +525,7 @@ def test_every_driver_has_its_row():
             written = {key for key in vars(DRIVERS[name]) if not key.startswith("__")}
             assert issubclass(DRIVERS[name], DRIVERS[row.like])
             settings = {field.name for field in fields(DRIVERS[row.like])}
-            assert written <= settings | {"axis_names"}  # by which axes are only told
+            assert written <= settings | {"axis_names", "former"}  # by which it is only told
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
@@ -529,13 +535,13 @@ def test_drivers_of_a_machine_are_proved_here(machine):
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
 def test_emulators_of_a_machines_own_drivers_work_on_its_wires(place, machine):
-    """Those that a scenario may name, too; a scenario that changes sizes names others."""
+    """Those that a scenario may name, too."""
     sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
     usual = machine.scenario().hardware.drivers
     given = {type(driver): driver for driver in usual}
     for name, kind in DRIVERS.items():
-        if f".diagrams.{machine.name}." in kind.__module__ and name not in _OTHER_SIZES:
-            driver, harness = given.get(kind, kind()), Harness(sizes | {SUPPLY: 1})
+        if f".diagrams.{machine.name}." in kind.__module__:
+            driver, harness = fitted(given.get(kind, kind())), Harness(sizes | {SUPPLY: 1})
             with driver.emulate(harness, Misbehaviour()):
                 for signal, value in ROWS[name].rest.items():
                     if signal == "brake":
@@ -548,7 +554,7 @@ def test_part_names_the_wires_of_the_emulator(place, name):
         pytest.skip(f"iiod cannot run here: {reason}")
     row = ROWS[name]
     settings = row.settings | ({"uri": "ip:127.0.0.1:1"} if "Iio" in name else {})
-    driver = DRIVERS[name](**settings | {"part": "elsewhere"})
+    driver = replace(fitted(DRIVERS[name](**settings)), part="elsewhere")
     driver.emulate(Harness(wires(row, "elsewhere")), Misbehaviour())
 
 

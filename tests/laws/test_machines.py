@@ -171,7 +171,7 @@ def test_a_pressed_emergency_stop_closes_every_brake_and_drives_nothing(machine)
 
 @each_machine
 def test_its_default_drivers_make_the_machine(machine):
-    drivers = machine.scenario().hardware.drivers
+    drivers = machine.drivers(machine.scenario())
     parts = make_parts(drivers, machine.inputs, machine.measured, 0.01)
     needed = [port for port in machine.measured if port.default is None]
     all_parts = {port.part for port in (*machine.inputs, *needed)}

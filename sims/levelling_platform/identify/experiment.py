@@ -40,7 +40,6 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.design import (
     ActuatorScenario,
     PlatformDesign,
-    SensorScenario,
 )
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
@@ -60,9 +59,9 @@ from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.identify.measured import record_in_turn
 from parapod.sims.levelling_platform.identify.steps import (
     FEWEST_SAMPLES,
-    NOMINAL,
     Recording,
     Separated,
+    StepPlan,
     Steps,
     StepsScenario,
     find_steps,
@@ -118,27 +117,33 @@ class IdentifyActuatorsScenario(Schema):
         steps: see `StepsScenario`.
         plant: see `PlantScenario`; it carries the load.
         machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
-        encoder_resolution_mm: one count of the actuators' encoders [mm]; 0 for perfect ones.
         control: see `ControlScenario`; it leads a real machine's legs to the ground.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
-    moved = {"actuators": "machine.actuators"}  # noqa: RUF012
+    moved = {  # noqa: RUF012
+        "actuators": "machine.actuators",
+        "encoder_resolution_mm": "machine.sensors.encoder_resolution_mm",
+    }
 
     backend: str = choice("multibody", (*SIMULATED, "hardware"))
     seed: int = quantity(0, 0, 2**31 - 1)
     steps: StepsScenario = field(default_factory=StepsScenario)
     plant: PlantScenario = field(default_factory=PlantScenario)
     machine: PlatformDesign = field(default_factory=_similar_actuators)
-    encoder_resolution_mm: float = quantity(0.01, 0.0, 1.0)
     control: ControlScenario = field(default_factory=ControlScenario)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
     def levelling(self) -> LevellingScenario:
         """The machine on level ground, on its feet."""
-        sensors = SensorScenario(encoder_resolution_mm=self.encoder_resolution_mm)
-        return on_level_ground(self, sensors, self.steps.initial_extension_mm)
+        extension = round(1e3 * self.plan.initial_extension, 3)
+        return on_level_ground(self, self.machine.sensors, extension)
+
+    @property
+    def plan(self) -> StepPlan:
+        """The steps in SI units."""
+        return self.steps.plan(self.machine)
 
     @property
     def on_wheels(self) -> LevellingScenario:
@@ -210,7 +215,7 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
             RefusedRequest: a real machine that is not on its wheels with the legs lifted.
         """
         if scenario.backend == "hardware":
-            pair = record_in_turn(scenario.steps, scenario.on_wheels, runner)
+            pair = record_in_turn(scenario.plan, scenario.on_wheels, runner)
             recordings = Recordings(*pair, None)
         else:
             recordings = record(scenario, runner)
@@ -238,7 +243,8 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
     def measure(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterator[Metric]:
         """Gains of the steps, gains with friction separated, and the stroke."""
         unloaded, loaded = data.steps
-        yield from gain_metrics(unloaded, loaded, is_bounded=scenario.backend in BODIES)
+        nominal, is_bounded = scenario.plan.gain, scenario.backend in BODIES
+        yield from gain_metrics(nominal, unloaded, loaded, is_bounded)
         yield from separated_metrics(data.separated, data.recordings.gain)
         yield from stroke_metrics(data.recordings, scenario.machine)
 
@@ -259,7 +265,7 @@ class IdentifyActuators(Experiment[IdentifyActuatorsScenario, Identified]):
 
     def draw(self, scenario: IdentifyActuatorsScenario, data: Identified) -> Iterable[Figure]:
         """Steps, speeds and gains (Figs. 13 to 15)."""
-        return figures(data.recordings, data.steps)
+        return figures(scenario.plan.gain, data.recordings, data.steps)
 
 
 def check_steps(scenario: IdentifyActuatorsScenario) -> None:
@@ -268,27 +274,27 @@ def check_steps(scenario: IdentifyActuatorsScenario) -> None:
     Raises:
         ScenarioError: names the key.
     """
-    steps = scenario.steps
-    extension = 1e-3 * steps.initial_extension_mm
-    for i, voltage in enumerate(steps.voltages):
+    plan = scenario.plan
+    extension = plan.initial_extension
+    for i, voltage in enumerate(plan.voltages):
         key = f"steps.voltages.{i}"
         if voltage == 0.0:
             raise ScenarioError(f"{key} = 0 is not a step", key)
         if abs(voltage) > scenario.machine.actuators.supply_voltage:
             supply = scenario.machine.actuators.supply_voltage
             raise ScenarioError(f"{key} = {voltage:g} V is above the supply, {supply:g} V", key)
-        lasts = step_duration(steps, voltage)
-        if lasts - steps.transient_s < FEWEST_SAMPLES * steps.period:
+        lasts = step_duration(plan, voltage)
+        if lasts - plan.transient < FEWEST_SAMPLES * plan.period:
             why = f"lasts {lasts:.3g} s, which leaves no ramp after steps.transient_s"
             raise ScenarioError(f"{key} = {voltage:g} V {why}", key)
         is_real = scenario.backend == "hardware"
-        extension += NOMINAL * voltage * (lasts + steps.edge_s if is_real else lasts)
+        extension += plan.gain * voltage * (lasts + plan.edge if is_real else lasts)
         _check_within(key, voltage, extension, scenario.machine.standing_stroke)
         if is_real:
-            lifted = extension + 1e-3 * (steps.lifted_extension_mm - steps.initial_extension_mm)
+            lifted = extension + (plan.lifted_extension - plan.initial_extension)
             _check_within(key, voltage, lifted, scenario.machine.lifted_stroke)
     # K and friction are separable only if one direction has two voltages.
-    if len(set(steps.voltages)) == len(set(np.sign(steps.voltages))):
+    if len(set(plan.voltages)) == len(set(np.sign(plan.voltages))):
         why = "has one voltage a direction, which does not tell K from friction"
         raise ScenarioError(f"steps.voltages {why}", "steps.voltages")
 
@@ -323,12 +329,13 @@ def _unloaded(
     rods = LinearActuator(
         like.params,
         time_step=like.time_step,
-        extension=1e-3 * scenario.steps.initial_extension_mm,
+        extension=scenario.plan.initial_extension,
         gain_scale=gain / like.params.gain,
     )
     actuators = add(builder, rods)
-    encoder = add(builder, Encoder(resolution=1e-3 * scenario.encoder_resolution_mm))
-    source = add(builder, TrajectorySource(schedule(scenario.steps)), "voltage")
+    resolution = 1e-3 * scenario.machine.sensors.encoder_resolution_mm
+    encoder = add(builder, Encoder(resolution=resolution))
+    source = add(builder, TrajectorySource(schedule(scenario.plan)), "voltage")
     connect(builder, source.get_output_port(), actuators.GetInputPort("voltage"))
     connect(builder, actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
     connect(builder, actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
@@ -343,7 +350,7 @@ def _loaded(
     """Case (b)."""
     builder = DiagramBuilder()
     machine = add(builder, station)
-    source = add(builder, TrajectorySource(schedule(scenario.steps)), "voltage")
+    source = add(builder, TrajectorySource(schedule(scenario.plan)), "voltage")
     connect(builder, source.get_output_port(), machine.GetInputPort("legs.voltage"))
     extension = machine.GetOutputPort("legs.extension")
     logs = _log(builder, scenario, source, extension, machine.GetOutputPort("truth.posture"))
@@ -369,17 +376,20 @@ def _simulate(
     logs: list[Any],
 ) -> Recording:
     simulator.Initialize()
-    runner.simulate(simulator, schedule(scenario.steps).end_time(), what)
+    runner.simulate(simulator, schedule(scenario.plan).end_time(), what)
     histories = [log.FindLog(simulator.get_context()) for log in logs]
     voltage, extension, *posture = [log.data().T.copy() for log in histories]
     attitude = posture[0][:, :2] if posture else None
     return Recording(histories[0].sample_times().copy(), voltage, extension, attitude)
 
 
-def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tuple[Metric, ...]:
+def gain_metrics(
+    nominal: float, unloaded: Steps, loaded: Steps, is_bounded: bool = True
+) -> tuple[Metric, ...]:
     """The paper's K, in which friction and load are contained.
 
     Args:
+        nominal: nominal K [(m/s)/V].
         unloaded: the steps without load.
         loaded: those with load.
         is_bounded: true if single steps are to be as near to the nominal K as in the paper; a real
@@ -387,7 +397,7 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
     """
     means = [float(case.gain.mean()) for case in (unloaded, loaded)]
     return (
-        *(_mean_gain(case, mean) for case, mean in zip(CASES, means, strict=True)),
+        *(_mean_gain(nominal, case, mean) for case, mean in zip(CASES, means, strict=True)),
         Metric(
             "load_effect_percent",
             100.0 * (means[1] / means[0] - 1.0),
@@ -399,11 +409,11 @@ def gain_metrics(unloaded: Steps, loaded: Steps, is_bounded: bool = True) -> tup
         *(
             Metric(
                 f"step_deviation_{case}_percent",
-                identified.deviation_percent,
+                identified.deviation_percent(nominal),
                 "%",
                 100.0 * SHARE if is_bounded else None,
                 paper=100.0 * SHARE,
-                meaning=f"largest deviation of a step's K from 0.01, any leg, {case}",
+                meaning=f"largest deviation of a step's K from {nominal:g}, any leg, {case}",
             )
             for case, identified in zip(CASES, (unloaded, loaded), strict=True)
         ),
@@ -490,22 +500,25 @@ def stroke_metrics(recordings: Recordings, machine: PlatformDesign) -> tuple[Met
     return tuple(metrics)
 
 
-def _mean_gain(case: str, mean: float) -> Metric:
+def _mean_gain(nominal: float, case: str, mean: float) -> Metric:
     return Metric(
         f"gain_{case}",
         mean,
         "(m/s)/V",
-        (1.0 + SHARE) * NOMINAL,
-        paper=NOMINAL,
-        at_least=(1.0 - SHARE) * NOMINAL,
+        (1.0 + SHARE) * nominal,
+        paper=nominal,
+        at_least=(1.0 - SHARE) * nominal,
         meaning=f"actuator gain K of Eq. (17), mean over ten steps and four legs, {case}",
     )
 
 
-def figures(recordings: Recordings, cases: tuple[Steps, ...]) -> tuple[Figure, ...]:
+def figures(
+    nominal: float, recordings: Recordings, cases: tuple[Steps, ...]
+) -> tuple[Figure, ...]:
     """The paper's Figs. 13 to 15.
 
     Args:
+        nominal: nominal K [(m/s)/V].
         recordings: recordings of both cases.
         cases: the steps in them.
     """
@@ -529,16 +542,16 @@ def figures(recordings: Recordings, cases: tuple[Steps, ...]) -> tuple[Figure, .
         Figure(
             "fig15a_speed_over_voltage",
             "Speed of the actuators over voltage",
-            f"Slope of each ramp, mean of the four legs, beside K = {NOMINAL:g} (m/s)/V "
+            f"Slope of each ramp, mean of the four legs, beside K = {nominal:g} (m/s)/V "
             "(Fig. 15a).",
-            partial(_draw_speed, cases),
+            partial(_draw_speed, nominal, cases),
         ),
         Figure(
             "fig15b_gain_per_step",
             "Gain K of each step",
-            f"Mean of the four legs with their range; shaded: {NOMINAL:g} within "
+            f"Mean of the four legs with their range; shaded: {nominal:g} within "
             f"{100 * SHARE:g} % (Fig. 15b).",
-            partial(_draw_gain, cases),
+            partial(_draw_gain, nominal, cases),
         ),
     )
 
@@ -562,11 +575,11 @@ def _draw_steps(recording: Recording, canvas: "Canvas") -> None:
     )
 
 
-def _draw_speed(cases: tuple[Steps, ...], canvas: "Canvas") -> None:
+def _draw_speed(nominal: float, cases: tuple[Steps, ...], canvas: "Canvas") -> None:
     axes = canvas.subplots()
     voltage = np.array([cases[0].voltage.min(), cases[0].voltage.max()])
     axes.plot(
-        voltage, 1e3 * NOMINAL * voltage, color="0.6", label=f"K = {NOMINAL:g} (m/s)/V", zorder=1
+        voltage, 1e3 * nominal * voltage, color="0.6", label=f"K = {nominal:g} (m/s)/V", zorder=1
     )
     for case, steps, marker in zip(CASES, cases, _MARKERS, strict=True):
         speed = 1e3 * steps.speed.mean(axis=1)
@@ -576,9 +589,9 @@ def _draw_speed(cases: tuple[Steps, ...], canvas: "Canvas") -> None:
     axes.legend(loc="upper left", fontsize=8)
 
 
-def _draw_gain(cases: tuple[Steps, ...], canvas: "Canvas") -> None:
+def _draw_gain(nominal: float, cases: tuple[Steps, ...], canvas: "Canvas") -> None:
     axes = canvas.subplots()
-    axes.axhspan((1.0 - SHARE) * NOMINAL, (1.0 + SHARE) * NOMINAL, color="0.92", zorder=0)
+    axes.axhspan((1.0 - SHARE) * nominal, (1.0 + SHARE) * nominal, color="0.92", zorder=0)
     for case, steps, marker, aside in zip(CASES, cases, _MARKERS, _ASIDE, strict=True):
         gain = steps.gain
         middle = gain.mean(axis=1)

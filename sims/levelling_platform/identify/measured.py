@@ -14,7 +14,7 @@ from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.runner import Runner
-from parapod.sims.levelling_platform.identify.steps import Recording, StepsScenario, eased_schedule
+from parapod.sims.levelling_platform.identify.steps import Recording, StepPlan, eased_schedule
 from parapod.sims.levelling_platform.leg_job import (
     AT_REST,
     LegJob,
@@ -43,24 +43,24 @@ class _Timeline:
         loaded: beginning and end of the steps with load [s].
     """
 
-    def __init__(self, steps: StepsScenario, machine: PlatformDesign):
-        lasts = eased_schedule(steps).end_time()
+    def __init__(self, plan: StepPlan, machine: PlatformDesign):
+        lasts = eased_schedule(plan).end_time()
         self.lift = AT_REST
-        lifted = 1e-3 * steps.lifted_extension_mm
+        lifted = plan.lifted_extension
         low, high = machine.lifted_stroke
         farthest = max(high - lifted, lifted - low)
         begin = self.lift + easing_time(farthest, _LIFTING) + _SETTLE
         self.unloaded = begin, begin + lasts
         # What the steps leave the legs off is eased first.
         begin = self.unloaded[1] + _SETTLE
-        way = lifted - 1e-3 * steps.initial_extension_mm
-        self.lower = begin, begin + 1.5 * way / (1e-3 * steps.lowering_mm_s)
+        way = lifted - plan.initial_extension
+        self.lower = begin, begin + 1.5 * way / plan.lowering_rate
         begin = self.lower[1] + _SETTLE
         self.loaded = begin, begin + lasts
 
-    def sources(self, steps: StepsScenario) -> tuple[System, ...]:
+    def sources(self, plan: StepPlan) -> tuple[System, ...]:
         """Sources of what a `LegJob` asks for."""
-        ends = [1e-3 * steps.lifted_extension_mm, 1e-3 * steps.initial_extension_mm]
+        ends = [plan.lifted_extension, plan.initial_extension]
         knots = [0.0, *self.lower, self.loaded[1] + 1.0]
         values = [[[ends[0]] * 2 + [ends[1]] * 2] * LEG_COUNT, [[0.0] * 4] * LEG_COUNT]
         request = PiecewisePolynomial.CubicHermite(knots, *values)
@@ -68,7 +68,7 @@ class _Timeline:
         enable = PiecewisePolynomial.ZeroOrderHold(
             [*switches, self.loaded[1] + 1.0], [[0.0, 1.0, 0.0, 1.0, 0.0, 0.0]]
         )
-        voltage, times, columns = eased_schedule(steps), [0.0], [np.zeros((LEG_COUNT, 1))]
+        voltage, times, columns = eased_schedule(plan), [0.0], [np.zeros((LEG_COUNT, 1))]
         for begin, _ in (self.unloaded, self.loaded):
             for at in voltage.get_segment_times():
                 times.append(begin + at)
@@ -118,12 +118,12 @@ class _StepsWatch(LegWatch):
 
 
 def record_in_turn(
-    steps: StepsScenario, machine: LevellingScenario, runner: Runner
+    plan: StepPlan, machine: LevellingScenario, runner: Runner
 ) -> tuple[Recording, Recording]:
     """The steps without load, and those with load, one after the other on one machine.
 
     Args:
-        steps: the voltage steps.
+        plan: the voltage steps.
         machine: the machine, on its wheels.
         runner: runs the job.
 
@@ -131,8 +131,8 @@ def record_in_turn(
         RefusedRequest: it is not on its wheels with the legs lifted; nothing has moved.
         Tripped: it tilts, or its guard has found what cannot be.
     """
-    timeline = _Timeline(steps, machine.machine)
-    sources = partial(timeline.sources, steps)
+    timeline = _Timeline(plan, machine.machine)
+    sources = partial(timeline.sources, plan)
     job = LegJob(runner.name, sources, timeline.loaded[1], _LIFTING, has_voltage=True)
     watch = carry_out(job, machine, runner, _StepsWatch)
     return watch.recording(timeline.unloaded), watch.recording(timeline.loaded, is_loaded=True)

@@ -91,8 +91,8 @@ class Times:
             rest: time at rest before the lift in the scenario [s].
         """
         low, high = scenario.machine.standing_stroke
-        start = scenario.levelling.initial_extension
-        begin = AT_REST + easing_time(max(start - low, high - start), _RATE) + _SETTLE
+        start = scenario.levelling.initial_extensions
+        begin = AT_REST + easing_time(max(max(start) - low, high - min(start)), _RATE) + _SETTLE
         return cls(
             begin,
             begin + rest,

@@ -15,7 +15,6 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.sims.levelling_platform.leg_job import on_level_ground
 from parapod.systems.core.schema import Schema, choice, quantity
-from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics, inverse_kinematics
 
 # Share of the way from the lowest to the highest posture to which the legs lift [-].
@@ -110,7 +109,7 @@ class SlipScenario(Schema):
     @property
     def levelling(self) -> LevellingScenario:
         """The machine with perfect sensors on level ground."""
-        perfect = SensorScenario(0.0, False, 0.0, 0.0, 0.0)
+        perfect = SensorScenario(0.0, False, 0.0, 0.0, 0.0, self.machine.sensors.imu_place_mm)
         return on_level_ground(self, perfect, self.lift.initial_extension_mm)
 
     @property
@@ -142,7 +141,7 @@ def lift_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
         UnreachablePosture: a height outside the stroke.
     """
     geometry = scenario.machine.geometry
-    start = np.full(LEG_COUNT, scenario.levelling.initial_extension)
+    start = np.array(scenario.levelling.initial_extensions)
     low = forward_kinematics(geometry, start, LEVEL)[2]
     high = scenario.height
     times = np.linspace(0.0, 1.0, 21)

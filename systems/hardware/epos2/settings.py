@@ -294,8 +294,10 @@ class StrokeSettings(LoadSettings):
         reduction: turns of the motor per turn of the screw [-].
         homing_current_a: the same while a screw looks for the end of its stroke, against which it
             then pushes no harder [A].
-        position_min_mm: lengths below which nothing retracts, one for each axis [mm].
-        position_max_mm: lengths above which nothing extends, one for each axis [mm].
+        position_min_mm: lengths below which nothing retracts, one for each axis [mm]; null: the
+            machine's.
+        position_max_mm: lengths above which nothing extends, one for each axis [mm]; null: the
+            machine's.
         position_at_start_mm: measured lengths at the start of the program [mm]; null: not
             measured, so the file must know them.
         position_file: file that keeps the lengths from one program to the next, in the folder in
@@ -306,10 +308,10 @@ class StrokeSettings(LoadSettings):
     lead_mm: float = quantity(5.0, 0.01, 100.0)
     reduction: float = quantity(1.0, 0.01, 10000.0)
     homing_current_a: float = quantity(0.5, 0.05, 10.0)
-    position_min_mm: list[float] = quantity([0.0], 0.0, 5000.0)
-    position_max_mm: list[float] = quantity([1.0], 0.0, 5000.0)
+    position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
+    position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     # No default: a guess would be believed, and the limits would be where they are not.
-    position_at_start_mm: list[float] | None = quantity(None, 0.0, 5000.0)
+    position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     position_file: str = "emulator/positions.json"
 
     @property
@@ -335,7 +337,13 @@ class StrokeSettings(LoadSettings):
 
     @property
     def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """See `Epos2Settings`."""
+        """See `Epos2Settings`.
+
+        Raises:
+            ValueError: nothing says where they are.
+        """
+        if self.position_min_mm is None or self.position_max_mm is None:
+            raise ValueError("it needs position_min_mm and position_max_mm")
         ends = (self.position_min_mm, self.position_max_mm)
         lower, upper = (tuple(1e-3 * mm for mm in each) for each in ends)
         return lower, upper

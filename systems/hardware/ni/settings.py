@@ -79,10 +79,10 @@ class NiDaqSettings(NiCardSettings):
         extension_file: file that keeps the extensions from one program to the next, in the folder
             in which the program is started if it has no other, or "" for none; while there is
             none, a program begins with `extension_at_start_mm`.
-        extended_mm: extension at which the switches "extended" close [mm]; null: they are not
-            compared with the extensions, and nothing can be homed against them.
-        retracted_mm: extension at which the switches "retracted" close [mm]; null: they are not
-            compared either.
+        extended_mm: extension at which the switches "extended" close [mm]; null: that of the
+            machine, or where no machine says it, they are not compared with the extensions, and
+            nothing can be homed against them.
+        retracted_mm: extension at which the switches "retracted" close [mm]; null: as above.
         switch_tolerance_mm: largest difference between switch and extension at the start of a
             program, which is refused beyond it [mm].
         supply_voltage: supply of the motor drivers [V]; the prototype's actuators are for 12 V.
@@ -97,10 +97,10 @@ class NiDaqSettings(NiCardSettings):
     stop_input: str = "PXI1Slot2/port0/line13"
     um_per_count: float = quantity(10.0, 0.01, 1000.0)
     # No default: a guess would be believed, and the stroke's ends would be where they are not.
-    extension_at_start_mm: list[float] | None = quantity(None, 0.0, 2000.0)
+    extension_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     extension_file: str = "emulator/extensions.json"
-    extended_mm: float | None = quantity(459.5, 0.0, 2000.0)
-    retracted_mm: float | None = quantity(380.5, 0.0, 2000.0)
+    extended_mm: float | None = quantity(None, 0.0, 20_000.0)
+    retracted_mm: float | None = quantity(None, 0.0, 20_000.0)
     switch_tolerance_mm: float = quantity(1.0, 0.01, 100.0)
     supply_voltage: float = quantity(12.0, 1.0, 48.0)
     watchdog_ms: float = quantity(100.0, 0.0, 34000.0)

@@ -88,7 +88,7 @@ def identified():
     scenario = identify(*QUICK, "machine.actuators.gain_error=0.15")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measured, "_StepsWatch", GuardedSteps)
-        pair = record_in_turn(scenario.steps, scenario.on_wheels, quiet_bench("x", scenario))
+        pair = record_in_turn(scenario.plan, scenario.on_wheels, quiet_bench("x", scenario))
     steps = tuple(find_steps(case, scenario.steps.transient_s) for case in pair)
     data = Identified(Recordings(*pair, None), steps, tuple(map(separate_friction, steps)))
     return scenario, data
@@ -140,7 +140,7 @@ def test_identified_values_are_those_of_the_scenario_s_keys(identified):
 def test_the_legs_end_where_they_stand(identified):
     scenario, data = identified
     extension = data.recordings.loaded.extension
-    assert extension[0] == pytest.approx(1e-3 * scenario.steps.initial_extension_mm, abs=1e-4)
+    assert extension[0] == pytest.approx(scenario.plan.initial_extension, abs=1e-4)
     assert np.ptp(extension[-10:], axis=0).max() < 2e-5
 
 
@@ -170,10 +170,10 @@ def test_a_machine_that_stands_on_its_feet_is_refused_before_anything_moves(job,
         patch.setattr(measured, "_StepsWatch", Watch)
         patch.setattr(Watch, "recording", lambda *arguments, **options: None)
         if not words:
-            record_in_turn(scenario.steps, machine, quiet_bench("x", scenario))
+            record_in_turn(scenario.plan, machine, quiet_bench("x", scenario))
             return
         with pytest.raises(RefusedRequest, match=words):
-            record_in_turn(scenario.steps, machine, quiet_bench("x", scenario))
+            record_in_turn(scenario.plan, machine, quiet_bench("x", scenario))
     assert not np.any(watches[0].column("legs.voltage"))
 
 

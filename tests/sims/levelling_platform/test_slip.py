@@ -70,7 +70,7 @@ def test_the_lift_ends_at_the_commanded_height_and_stays_there(logged):
     log, scenario = logged.log, logged.scenario
     rests = (log.time >= scenario.braked_at) & (log.time <= scenario.swing_at)
     height = 1e3 * log.signals["truth.posture"][rests, 2]
-    assert np.allclose(height, scenario.lift.height_mm, rtol=0.0, atol=0.1)
+    assert np.allclose(height, 1e3 * scenario.height, rtol=0.0, atol=0.1)
 
 
 def test_the_seed_decides_how_the_legs_move():

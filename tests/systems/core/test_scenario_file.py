@@ -42,6 +42,17 @@ class Step(Schema):
 
 
 @dataclass
+class Reach(Schema):
+    """An arm.
+
+    Attributes:
+        arm: model of the arm.
+    """
+
+    arm: str = "left"
+
+
+@dataclass
 class Gripper(Variant):
     """Root of the grippers.
 
@@ -685,3 +696,21 @@ def loads(load, text):
         return False
     assert load(dump_scenario(scenario, comments=True)) == scenario
     return True
+
+
+def test_names_of_models_and_functions_in_a_file_are_beside_it(tmp_path):
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "arm.urdf").write_text("<robot name='arm'/>")
+    (folder / "law.py").write_text("def make(): ...")
+    job, gripper = tmp_path / "job.yaml", folder / "gripper.yaml"
+    job.write_text("!File own/gripper.yaml")
+    for name, located in (
+        ("arm.urdf", f"{folder / 'arm.urdf'}"),
+        ("law.py:make", f"{folder / 'law.py'}:make"),
+        ("elsewhere.urdf", "elsewhere.urdf"),
+        ("left", "left"),
+    ):
+        gripper.write_text(f"arm: '{name}'")
+        assert load_scenario(Reach, file=gripper).arm == located
+        assert load_scenario(Reach, file=job).arm == located
