@@ -253,7 +253,7 @@ def _add_arm(parser: Parser, base: Frame, structure: PlatformStructure) -> None:
     tall = structure.arm_base[2] / ARM_BASE[2]
     size = (tall, tall, tall) if tall > 0.0 else (1.0, 1.0, 1.0)
     long = structure.arm_length / _ARM_LENGTH
-    stretches = {"mount": size, "turntable": size, "link": (1.0, 1.0, long)}
+    stretches = {"mount": size, "turntable": size, "link": (size[0], size[1], long)}
 
     def fit(root: Element) -> None:
         for name, stretch in stretches.items():

@@ -16,6 +16,7 @@ One with a diagram of its own overrides `loop`; one without a diagram is an `Exp
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -28,6 +29,7 @@ from rich.console import Console
 
 from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.designs import check_design, is_published
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -153,6 +155,9 @@ class Experiment[S, D]:
         """
         settings: Any = scenario
         check_scenario(scenario)
+        machine = getattr(settings, "machine", None)
+        if machine is not None:
+            check_design(machine)
         self.check_backend(settings.backend)
         self._check_options(options)
         if options.log is not None and settings.backend != "hardware":
@@ -164,11 +169,14 @@ class Experiment[S, D]:
         self._after(scenario, options)
         if options.log is not None and settings.backend != "hardware":
             self.write_log(options.log, scenario, *self.logged(scenario, data))  # type: ignore[attr-defined]
+        metrics = tuple(self.measure(scenario, data))
+        if machine is not None and not is_published(machine):
+            metrics = tuple(replace(metric, paper=None) for metric in metrics)
         return Result(
             self.name,
             settings.backend,
             settings.seed,
-            tuple(self.measure(scenario, data)),
+            metrics,
             tuple(self.note(scenario, data)),
             tuple(self.draw(scenario, data)),
             self.afterwards(scenario, data, options),

@@ -465,7 +465,7 @@ def _posture(scenario: DeployScenario, signals: Signals) -> list[Metric]:
     condition = "while the posture is held, against gravity and the feet's mean height"
     if not is_true:
         condition += ", as measured"
-    bounds = (_ANGLE_BOUND, _HEIGHT_BOUND)
+    bounds = (_ANGLE_BOUND, _HEIGHT_BOUND * scenario.machine.size)
     return error_metrics(error, "", bounds, _PAPER, condition, _NOT_HELD)
 
 

@@ -141,6 +141,7 @@ def _posture_metrics(
     posture: NDArray[np.float64],
 ) -> list[Metric]:
     desired = in_deg_and_mm(run["posture_desired_state"][:, :3])
+    height_bound = _HEIGHT_BOUND * scenario.machine.size
     roll, pitch, height = _largest(posture - desired, _settled(scenario.job, run.time))
     return [
         Metric(
@@ -163,7 +164,7 @@ def _posture_metrics(
             "height_error_mm",
             height,
             "mm",
-            _HEIGHT_BOUND,
+            height_bound,
             paper=2.0,
             meaning="largest height error after settling, above the ground's plane",
         ),
@@ -172,7 +173,7 @@ def _posture_metrics(
             _settling_time(scenario, run.time, posture, _scale(run)),
             "s",
             _settling_bound(scenario, run.time, posture),
-            meaning=f"time until level within {_ANGLE_BOUND:g} deg and {_HEIGHT_BOUND:g} mm",
+            meaning=f"time until level within {_ANGLE_BOUND:g} deg and {height_bound:.3g} mm",
             undefined="the platform was not level before a waypoint asked for another posture, or "
             "the end",
         ),
@@ -214,14 +215,14 @@ def _leg_metrics(scenario: LevellingScenario, run: Run) -> list[Metric]:
             "passive_leg_lift_mm",
             max(0.0, float(lift[_PASSIVE_LEG])),
             "mm",
-            _LIFT_BOUND,
+            _LIFT_BOUND * scenario.machine.size,
             meaning="largest height of leg 4's foot above the ground",
         ),
         Metric(
             "active_leg_lift_mm",
             max(0.0, float(active.max())),
             "mm",
-            _LIFT_BOUND,
+            _LIFT_BOUND * scenario.machine.size,
             meaning="largest height of another foot above the ground",
         ),
     ]
@@ -242,7 +243,9 @@ def _settled(job: JobScenario, time: NDArray[np.float64]) -> NDArray[np.bool_]:
     return time >= job.estimate_at + job.settled_after
 
 
-_LEVEL = np.array([_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND])  # bounds of "level"
+def _level_bounds(scenario: LevellingScenario) -> NDArray[np.float64]:
+    """Bounds of "level": roll and pitch [deg], and height [mm]."""
+    return np.array([_ANGLE_BOUND, _ANGLE_BOUND, _HEIGHT_BOUND * scenario.machine.size])
 
 
 def _settling_bound(
@@ -276,14 +279,15 @@ def _settling_time(
     """
     job = scenario.job
     since = time - job.estimate_at
-    until, tolerance = job.end, np.tile(_LEVEL, (time.size, 1))
+    level = _level_bounds(scenario)
+    until, tolerance = job.end, np.tile(level, (time.size, 1))
     for waypoint in job.waypoints:
         size = scale * np.abs([waypoint.roll_deg, waypoint.pitch_deg, waypoint.height_mm])
-        if (size > _LEVEL).any():
+        if (size > level).any():
             until = min(until, waypoint.time)
         else:
             later = since >= waypoint.time
-            tolerance[later] = np.maximum(tolerance[later], _LEVEL + size)
+            tolerance[later] = np.maximum(tolerance[later], level + size)
     levelling = (since >= 0.0) & (since < until)
     error = np.abs(posture - [0.0, 0.0, 1e3 * scenario.level_height])
     outside = np.flatnonzero((error > tolerance)[levelling].any(axis=1))
@@ -325,5 +329,5 @@ def _figure(scenario: LevellingScenario, run: Run) -> Figure:
         lines,
         "asked for",
         scenario.job.estimate_at + scenario.job.settled_after,
-        (_ANGLE_BOUND, _HEIGHT_BOUND),
+        (_ANGLE_BOUND, _HEIGHT_BOUND * scenario.machine.size),
     )

@@ -22,7 +22,7 @@ from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 
 # The bounds of the job on a plane: what the paper's closed loop reached there.
-_BOUNDS = (0.2, 2.0)
+_ANGLE_BOUND, _HEIGHT_BOUND = 0.2, 2.0
 _LIFT_BOUND = 1.0  # [mm]
 
 
@@ -42,10 +42,10 @@ class UnevenGround(LevellingExperiment[Run]):
         settled = run.time >= scenario.job.estimate_at + scenario.job.settled_after
         yield from error_metrics(
             (_truth(scenario, run) - _desired(run))[settled],
-            bounds=_BOUNDS,
+            bounds=_bounds(scenario),
             condition="after settling, against gravity and the feet's mean height",
         )
-        yield from _feet(run, np.array(scenario.ground.foot_heights_mm))
+        yield from _feet(scenario, run, np.array(scenario.ground.foot_heights_mm))
 
     def draw(self, scenario: LevellingScenario, run: Run) -> Iterator[Figure]:
         """The posture over the job."""
@@ -57,7 +57,7 @@ class UnevenGround(LevellingExperiment[Run]):
             {"asked for": _desired(run), "true": _truth(scenario, run)},
             "asked for",
             scenario.job.estimate_at + scenario.job.settled_after,
-            _BOUNDS,
+            _bounds(scenario),
         )
 
 
@@ -67,11 +67,16 @@ def _truth(scenario: LevellingScenario, run: Run) -> NDArray[np.float64]:
     return in_deg_and_mm(run["truth.posture"]) - [0.0, 0.0, mean]
 
 
+def _bounds(scenario: LevellingScenario) -> tuple[float, float]:
+    """Bounds of the errors of angles [deg] and of the height [mm]."""
+    return _ANGLE_BOUND, _HEIGHT_BOUND * scenario.machine.size
+
+
 def _desired(run: Run) -> NDArray[np.float64]:
     return in_deg_and_mm(run["posture_desired_state"][:, :3])
 
 
-def _feet(run: Run, heights: np.ndarray) -> list[Metric]:
+def _feet(scenario: LevellingScenario, run: Run, heights: np.ndarray) -> list[Metric]:
     lift = 1e3 * run["truth.foot_height"].max(axis=0)
     offsets = 1e3 * run["foot_offsets_estimated"][-1]
     return [
@@ -91,7 +96,7 @@ def _feet(run: Run, heights: np.ndarray) -> list[Metric]:
             "foot_lift_mm",
             float(lift.max()),
             "mm",
-            _LIFT_BOUND,
+            _LIFT_BOUND * scenario.machine.size,
             meaning="largest height of a foot above the ground",
         ),
     ]

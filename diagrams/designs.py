@@ -1,0 +1,81 @@
+"""Designs of machines: checks that hold for all kinds of them."""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
+from typing import Any
+
+from parapod.diagrams.bodies import BodyScenario
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Options, fields_of
+
+# Ratio of a length to the usual one beyond which it is taken for one in another unit [-], and the
+# shortest usual length of which that can be said [mm].
+_ANOTHER_UNIT, _SHORTEST = 100.0, 5.0
+
+
+def check_design(machine: Any) -> None:
+    """Refuses a machine of bodies that nothing can be, or of lengths in another unit.
+
+    Args:
+        machine: the part `machine` of a scenario.
+
+    Raises:
+        ScenarioError: names the key.
+    """
+    for key, part, usual in _parts(machine, _published(machine), "machine"):
+        if isinstance(part, BodyScenario):
+            part.check(key)
+        for each in fields(part):
+            if each.name.endswith("_mm"):
+                name = f"{key}.{each.name}"
+                _check_unit(name, getattr(part, each.name), getattr(usual, each.name, None))
+    _ = machine.geometry
+
+
+def is_published(machine: Any) -> bool:
+    """Whether a machine has the dimensions and the masses of its paper.
+
+    Args:
+        machine: the part `machine` of a scenario.
+    """
+    usual = _published(machine)
+    return (machine.geometry, machine.bodies) == (usual.geometry, usual.bodies)
+
+
+def _published(machine: Any) -> Any:
+    """The paper's machine of the same kind: what can be chosen from a list is as chosen."""
+    kind: Any = type(machine)
+    rules = {name: rule for name, (_, rule) in fields_of(kind).items()}
+    choices = [name for name, rule in rules.items() if isinstance(rule, Options)]
+    return _usual(kind, tuple((name, getattr(machine, name)) for name in choices))
+
+
+@lru_cache(maxsize=16)
+def _usual(kind: Any, choices: tuple[tuple[str, Any], ...]) -> Any:
+    return kind(**dict(choices))
+
+
+def _parts(part: Any, usual: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
+    """A design and all that it holds: key, the part, the same part of the paper's machine."""
+    if isinstance(part, list):
+        for number, item in enumerate(part):
+            if is_dataclass(item):
+                yield from _parts(item, None, f"{key}.{number}")
+    elif is_dataclass(part):
+        yield key, part, usual
+        for each in fields(part):
+            inner = getattr(part, each.name), getattr(usual, each.name, None)
+            yield from _parts(*inner, f"{key}.{each.name}")
+
+
+def _check_unit(key: str, length: Any, usual: Any) -> None:
+    numbers = all(isinstance(each, int | float) for each in (length, usual))
+    if not numbers or usual < _SHORTEST or not length > 0.0:
+        return
+    ratio = length / usual
+    if not 1.0 / _ANOTHER_UNIT < ratio < _ANOTHER_UNIT:
+        raise ScenarioError(
+            f"{key} = {length:g} mm, where {usual:g} mm is usual: is it in another unit than mm?",
+            key,
+        )
