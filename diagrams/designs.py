@@ -17,6 +17,8 @@ _ANOTHER_UNIT, _SHORTEST = 100.0, 5.0
 def check_design(machine: Any) -> None:
     """Refuses a machine of bodies that nothing can be, or of lengths in another unit.
 
+    A design has a method `check` for what its kind of machine cannot do, such as lift itself.
+
     Args:
         machine: the part `machine` of a scenario.
 
@@ -31,6 +33,8 @@ def check_design(machine: Any) -> None:
                 name = f"{key}.{each.name}"
                 _check_unit(name, getattr(part, each.name), getattr(usual, each.name, None))
     _ = machine.geometry
+    if hasattr(machine, "check"):
+        machine.check()
 
 
 def is_published(machine: Any) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import ConvexHull  # type: ignore[import-untyped]
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
 from parapod.diagrams.levelling_platform.model import (
@@ -33,6 +34,7 @@ from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
     posture_jacobian,
 )
+from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.reference import PostureReferenceParams
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, stand
 from parapod.systems.levelling_platform.supervisor import SupervisorParams
@@ -580,6 +582,53 @@ class PlatformDesign(Schema):
         load = max(map(abs, stance.load_force)) / params.screw_efficiency
         alone = params.coulomb_friction / params.motor_constant
         return alone, alone + load / params.motor_constant
+
+    def check(self) -> None:
+        """Refuses a platform that cannot stand, tips over, or cannot lift itself.
+
+        Raises:
+            ScenarioError: names the key, and the admissible values.
+        """
+        low, high = (1e3 * stop for stop in self.stops)
+        shortest = 1e3 * min(leg.extension_min for leg in self.geometry.legs)
+        longest = 1e3 * max(leg.extension_max for leg in self.geometry.legs)
+        if not low <= shortest < longest <= high:
+            key = "machine.legs"
+            raise ScenarioError(
+                f"{key}: extensions on the ground of {shortest:g} to {longest:g} mm are not "
+                f"within the end stops of machine.actuators, {low:g} to {high:g} mm",
+                key,
+            )
+        if (outside := self._beyond_feet()) > 0.0:
+            raise ScenarioError(
+                f"machine: it tips over: its centre of mass is {1e3 * outside:.0f} mm outside its "
+                "feet, arm upright; it must be between them",
+                "machine",
+            )
+        needed, supply = self.friction_voltages[1], self.actuators.supply_voltage
+        if needed >= supply:
+            key = "machine.actuators"
+            least = math.ceil(self.actuators.motor_constant_N_V * needed / supply)
+            raise ScenarioError(
+                f"{key}: it cannot lift itself: that takes {needed:.3g} V of a supply of "
+                f"{supply:g} V; motor_constant_N_V must be more than {least}",
+                key,
+            )
+
+    def _beyond_feet(self) -> float:
+        """Distance of the centre of mass beyond the feet's edges, level, arm upright [m]."""
+        masses, geometry = self.masses, self.geometry
+        posture = (0.0, 0.0, self.working_height)
+        extensions = inverse_kinematics(geometry, posture, (0.0, 0.0)).tolist()
+        legs = zip(geometry.legs, extensions, strict=True)
+        feet = [-np.array(foot_to_centre(leg, extension)[:2]) for leg, extension in legs]
+        whole = masses.mass + masses.arm_mass
+        centre = (
+            masses.mass * np.array(masses.centre_of_mass[:2])
+            + masses.arm_mass * np.array(masses.arm_base[:2])
+        ) / whole
+        edges = ConvexHull(np.array(feet)).equations
+        return float((edges[:, :2] @ centre + edges[:, 2]).max())
 
     def beyond_stroke(self, share: float) -> float:
         """Extension beyond the stroke on the ground [m].

@@ -30,3 +30,22 @@ def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, tmp_pat
     result = json.loads((tmp_path / "job.json").read_text())
     assert result["passed"]
     assert result["bounds"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("machine.base={body: {mass_kg: 9000}}", "cannot lift itself: that takes 13.1 V"),
+        ("machine.base={body: {mass_kg: 20, centre_mm: [0, 2000, 0]}}", "it tips over"),
+        ("machine.actuators.stop_min_mm=395", "not within the end stops of machine.actuators"),
+        ("machine.legs.l_4_mm=900", "cannot stand level on actuators of 390 to 420 mm"),
+        ("machine.legs.l_4_mm=0.44", "is it in another unit than mm?"),
+        ("machine.arm.urdf=nothing.urdf", "there is no such file"),
+    ],
+)
+def test_a_platform_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
+    result = tmp_path / "level.json"
+    assert main(["run", "level", "--set", setting, "--json", str(result)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert not result.exists()
