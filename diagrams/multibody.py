@@ -75,15 +75,24 @@ def drive_joints(
     return holding.get_output_port()
 
 
-def add_ground(parser: Parser) -> ModelInstanceIndex:
+def add_ground(parser: Parser, size: int = 1) -> ModelInstanceIndex:
     """Adds the body `ground`, a plane drawn as a ruled slab; it is to be welded somewhere.
 
     The plane is not in the file: URDF has none, and SDFormat takes ten times as long to parse.
 
     Args:
         parser: parser of the plant, which knows the models of `parapod.urdf`.
+        size: how many times as long and wide as in the file the slab is drawn, squares and all.
     """
-    (slab,) = parser.AddModels(url="package://parapod/ground/ground.urdf")
+
+    def stretch(root: ElementTree.Element) -> None:
+        for shape in root.iterfind("link/visual"):
+            for part, key in (("origin", "xyz"), ("geometry/box", "size")):
+                if (element := shape.find(part)) is not None:
+                    x, y, z = map(float, element.attrib[key].split())
+                    element.set(key, f"{size * x} {size * y} {z}")
+
+    slab = add_adapted_model(parser, "package://parapod/ground/ground.urdf", "ground", stretch)
     plant = parser.plant()
     ground, plane = plant.GetBodyByName("ground", slab), HalfSpace()
     plant.RegisterCollisionGeometry(ground, RigidTransform(), plane, "plane", ground_contact())

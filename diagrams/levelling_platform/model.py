@@ -164,7 +164,7 @@ def add_platform(
     axles = _add_wheels(parser, base, structure)
     _add_arm(parser, base, structure)
     _fix_wheels(plant, axles, wheels)
-    slab = add_ground(parser)
+    slab = add_ground(parser, math.ceil(max(1.0, *structure.stretch[:2]) - 1e-9))
     X_WG = ground_pose(ground, foot_offsets)
     ground_mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
     plant.WeldFrames(ground_mount, plant.GetFrameByName("ground", slab))

@@ -66,9 +66,12 @@ class PlatformTwin(Twin):
             return
         # The ground of the scenario is not that of the machine.
         meshcat.Delete("/ground")
-        meshcat.SetObject(_SLAB_PATH, Box(*_SLAB), Rgba(0.50, 0.46, 0.41))
-        meshcat.SetObject("/floor", Cylinder(4.5, 0.02), Rgba(0.86, 0.89, 0.91))
-        meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, _FLOOR])))
+        size = max(1.0, scenario.machine.size)
+        length, width, thickness = _SLAB
+        slab = Box(size * length, size * width, thickness)
+        meshcat.SetObject(_SLAB_PATH, slab, Rgba(0.50, 0.46, 0.41))
+        meshcat.SetObject("/floor", Cylinder(4.5 * size, 0.02), Rgba(0.86, 0.89, 0.91))
+        meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, size * _FLOOR])))
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
         """See `Twin`."""

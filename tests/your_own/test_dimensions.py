@@ -11,7 +11,10 @@ MACHINES = Path(__file__).parents[2] / "examples" / "machines"
 # Job of each machine, and what is set beside it.
 JOBS = {
     "large_platform": ("level", ()),
-    "childs_chair": ("chair-walk", ("passenger.mass_kg=25",)),
+    "childs_chair": (
+        "chair-walk",
+        ("passenger.mass_kg=25", "passenger.height_mm=260", "passenger.gyration_mm=190"),
+    ),
     "five_limbs": ("centre-machining", ()),
 }
 
