@@ -82,7 +82,7 @@ def add_ground(parser: Parser, size: int = 1) -> ModelInstanceIndex:
 
     Args:
         parser: parser of the plant, which knows the models of `parapod.urdf`.
-        size: how many times as long and wide as in the file the slab is drawn, squares and all.
+        size: factor by which the slab is drawn longer and wider than in its file, squares and all.
     """
 
     def stretch(root: ElementTree.Element) -> None:
