@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull  # type: ignore[import-untyped]
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
@@ -39,6 +40,7 @@ from parapod.systems.levelling_platform.reference import PostureReferenceParams
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, stand
 from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WHEEL_GEAR, WheelGeometry
+from parapod.systems.levelling_platform.workspace import ArmGeometry
 from parapod.systems.sensors.limit_switches import LimitSwitchesParams
 
 # Smallest and largest length [mm].
@@ -291,7 +293,7 @@ class ArmDesign(Schema):
     Attributes:
         base_mm: its base, on the turntable's axis, from the platform's centre F [mm]; null: 0, 20
             and 145, by the hips' places.
-        length_mm: length of the drawn arm [mm].
+        length_mm: distance of the arm's tip from its base [mm]; the drawn arm is as long.
         mount: part of the turntable that stands still.
         turntable: part that turns.
         link: the drawn arm with what it carries; its frame is in its joint, z along it.
@@ -401,6 +403,11 @@ class PlatformDesign(Schema):
         else:
             x, y, z = (a * b for a, b in zip(self.stretch, ARM_BASE, strict=True))
         return x, y, z
+
+    @property
+    def reach(self) -> ArmGeometry:
+        """Its arm, upright."""
+        return ArmGeometry(self.arm_base, self.arm.length_mm / 1e3)
 
     @property
     def level_heights(self) -> tuple[float, float]:
@@ -589,6 +596,7 @@ class PlatformDesign(Schema):
         Raises:
             ScenarioError: names the key, and the admissible values.
         """
+        self._check_order()
         low, high = (1e3 * stop for stop in self.stops)
         shortest = 1e3 * min(leg.extension_min for leg in self.geometry.legs)
         longest = 1e3 * max(leg.extension_max for leg in self.geometry.legs)
@@ -615,19 +623,37 @@ class PlatformDesign(Schema):
                 key,
             )
 
+    @property
+    def stance(self) -> NDArray[np.float64]:
+        """Feet (4, 2) about F from above, of the level platform at its working height [m]."""
+        posture = (0.0, 0.0, self.working_height)
+        extensions = inverse_kinematics(self.geometry, posture, (0.0, 0.0)).tolist()
+        legs = zip(self.geometry.legs, extensions, strict=True)
+        return np.array([-np.array(foot_to_centre(leg, each)[:2]) for leg, each in legs])
+
+    def _check_order(self) -> None:
+        """Refuses legs that cross, or that are not numbered against the clock."""
+        feet = self.stance
+        sides = np.roll(feet, -1, axis=0) - feet
+        turns = np.linalg.det(np.stack([sides, np.roll(sides, -1, axis=0)], axis=1))
+        if (turns <= 0.0).any():
+            places = ", ".join(f"({1e3 * x:.0f}, {1e3 * y:.0f})" for x, y in feet)
+            key = "machine.each_leg" if self.each_leg else "machine.legs"
+            raise ScenarioError(
+                f"{key}: its feet stand at {places} mm from F; from the rear left one they must "
+                "go round against the clock, as the corners of a convex figure",
+                key,
+            )
+
     def _beyond_feet(self) -> float:
         """Distance of the centre of mass beyond the feet's edges, level, arm upright [m]."""
-        masses, geometry = self.masses, self.geometry
-        posture = (0.0, 0.0, self.working_height)
-        extensions = inverse_kinematics(geometry, posture, (0.0, 0.0)).tolist()
-        legs = zip(geometry.legs, extensions, strict=True)
-        feet = [-np.array(foot_to_centre(leg, extension)[:2]) for leg, extension in legs]
+        masses = self.masses
         whole = masses.mass + masses.arm_mass
         centre = (
             masses.mass * np.array(masses.centre_of_mass[:2])
             + masses.arm_mass * np.array(masses.arm_base[:2])
         ) / whole
-        edges = ConvexHull(np.array(feet)).equations
+        edges = ConvexHull(self.stance).equations
         return float((edges[:, :2] @ centre + edges[:, 2]).max())
 
     def beyond_stroke(self, share: float) -> float:

@@ -13,7 +13,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from rich.console import Console
 
-from parapod.diagrams.levelling_platform.model import DRAWN, DRAWN_PARTS, add_drawing
+from parapod.diagrams.levelling_platform.design import PlatformDesign
+from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.wiring import add
 from parapod.sims.lab.panel import Panel
@@ -39,10 +40,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 
-_GEOMETRY = PlatformGeometry()
 _EDGE = 25
 _PIXELS = 241
-_RIM = 0.025  # around a section [m]
+_RIM = 0.04  # around a section, by the workspace's width [-]
 _FILL, _SWEPT = "#9FB8CE", "#F6D3B8"
 _COARSE_EDGE, _TURNS = 5, 240
 
@@ -55,33 +55,39 @@ def face_colour(leg: int, is_long: bool) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def face_name(leg: int, is_long: bool) -> str:
+def face_name(geometry: PlatformGeometry, leg: int, is_long: bool) -> str:
     """Name of a face: which leg is at which end of its stroke."""
-    end = _GEOMETRY.extension_max if is_long else _GEOMETRY.extension_min
+    end = geometry.extension_max if is_long else geometry.extension_min
     return f"leg {leg + 1} at {1e3 * end:.0f} mm"
 
 
-def figures(arm: ArmGeometry, turn: float | None) -> tuple[Figure, ...]:
+def figures(
+    geometry: PlatformGeometry, arm: ArmGeometry, turn: float | None, has_surfaces: bool
+) -> tuple[Figure, ...]:
     """Figures of the workspace.
 
     Args:
+        geometry: the platform.
         arm: the arm, upright.
         turn: lean of the arm that the turntable turns [rad]; None: it does not turn.
+        has_surfaces: true if the paper prints surfaces of it.
     """
+    surfaces = "Filled: exact"
+    if has_surfaces:
+        surfaces += "; lines: traces of the eight printed surfaces; black: inside all eight"
     solid = Figure(
         "workspace",
         "Workspace of the arm's tip",
-        "On each of the eight faces one leg is at one end of its stroke (Fig. 12b). Heights are "
-        "drawn larger than lengths.",
-        partial(_draw_solid, arm),
+        "On each of its faces one leg is at one end of its stroke (Fig. 12b). Heights are drawn "
+        "larger than lengths.",
+        partial(_draw_solid, geometry, arm),
         (7.0, 5.2),
     )
     sections = Figure(
         "workspace_sections",
         "Sections of the workspace",
-        "Exact (filled) and the traces of the eight printed surfaces; what all eight enclose is "
-        "outlined in black.",
-        partial(_draw_sections, arm),
+        f"{surfaces}.",
+        partial(_draw_sections, geometry, arm, has_surfaces),
         (10.0, 3.9),
     )
     if turn is None:
@@ -91,18 +97,18 @@ def figures(arm: ArmGeometry, turn: float | None) -> tuple[Figure, ...]:
         "Workspace with the turntable",
         f"Arm leaning by {math.degrees(turn):g} deg: without the turntable (blue) and with "
         "it (orange), from above and in the section through the turntable's axis.",
-        partial(_draw_ring, arm, turn),
+        partial(_draw_ring, geometry, arm, turn),
         (9.0, 4.2),
     )
     return solid, sections, ring
 
 
-def _draw_solid(arm: ArmGeometry, canvas: "Canvas") -> None:
+def _draw_solid(geometry: PlatformGeometry, arm: ArmGeometry, canvas: "Canvas") -> None:
     from matplotlib.patches import Patch
 
     axes: Any = canvas.add_subplot(projection="3d", computed_zorder=True)
-    for key, extension in faces(_GEOMETRY, _EDGE).items():
-        x, y, z = np.moveaxis(Workspace(_GEOMETRY, arm).tip_of_extensions(extension), -1, 0)
+    for key, extension in faces(geometry, _EDGE).items():
+        x, y, z = np.moveaxis(Workspace(geometry, arm).tip_of_extensions(extension), -1, 0)
         axes.plot_surface(
             x, y, z, color=face_colour(*key), rcount=_EDGE, ccount=_EDGE, linewidth=0.0,
             antialiased=False,
@@ -114,31 +120,42 @@ def _draw_solid(arm: ArmGeometry, canvas: "Canvas") -> None:
     axes.set_box_aspect((1.0, 1.3, 0.65), zoom=0.95)
     axes.locator_params(nbins=5)
     axes.view_init(elev=16.0, azim=-62.0)
-    keys = faces(_GEOMETRY, 2)
+    keys = faces(geometry, 2)
     canvas.legend(
-        handles=[Patch(color=face_colour(*key), label=face_name(*key)) for key in keys],
+        handles=[Patch(color=face_colour(*key), label=face_name(geometry, *key)) for key in keys],
         loc="outside right center",
     )
 
 
-def _draw_sections(arm: ArmGeometry, canvas: "Canvas") -> None:
-    low, high = _box(arm)
+def _draw_sections(
+    geometry: PlatformGeometry, arm: ArmGeometry, has_surfaces: bool, canvas: "Canvas"
+) -> None:
+    low, high = _box(geometry, arm)
     planes: Any = canvas.subplots(1, 3)
     for axes, normal in zip(planes, (1, 0, 2), strict=True):
         middle = 0.5 * (low[normal] + high[normal])
         across, up = (i for i in range(3) if i != normal)
         u, v, point = _plane(low, high, normal, middle)
-        stroke_left = _stroke_left(arm, point)
+        stroke_left = _stroke_left(geometry, arm, point)
         axes.contourf(u, v, stroke_left, [0.0, 1.0], colors=[_FILL])
         axes.contour(u, v, stroke_left, [0.0], colors=["#5B7083"], linewidths=1.0)
-        margins = surface_margins(point)
-        for i in range(SURFACE_COUNT):
-            colour, dashes = _surface_style(i)
-            axes.contour(u, v, margins[..., i], [0.0], colors=[colour], linestyles=[dashes])
-        axes.contour(u, v, margins.min(axis=-1), [0.0], colors=["black"], linewidths=1.3)
+        if has_surfaces:
+            _draw_surfaces(axes, u, v, point)
         axes.set_title(f"{'xyz'[normal]} = {middle:.3f} m")
         _label(axes, across, up)
-    _legend_surfaces(canvas)
+    if has_surfaces:
+        _legend_surfaces(canvas)
+
+
+def _draw_surfaces(
+    axes: Any, u: NDArray[np.float64], v: NDArray[np.float64], point: NDArray[np.float64]
+) -> None:
+    """Draws the traces of the printed surfaces in a plane."""
+    margins = surface_margins(point)
+    for i in range(SURFACE_COUNT):
+        colour, dashes = _surface_style(i)
+        axes.contour(u, v, margins[..., i], [0.0], colors=[colour], linestyles=[dashes])
+    axes.contour(u, v, margins.min(axis=-1), [0.0], colors=["black"], linewidths=1.3)
 
 
 def _legend_surfaces(canvas: "Canvas") -> None:
@@ -158,10 +175,13 @@ def _surface_style(i: int) -> tuple[str, Literal["dashed", "dotted"]]:
     return COLOURS[i % LEG_COUNT], "dashed" if i < LEG_COUNT else "dotted"
 
 
-def _box(arm: ArmGeometry) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _box(
+    geometry: PlatformGeometry, arm: ArmGeometry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lower and upper corner of a box with some room around the workspace [m]."""
-    tips = Workspace(_GEOMETRY, arm).tip_of_extensions(boundary(_GEOMETRY, _EDGE))
-    return tips.min(axis=0) - _RIM, tips.max(axis=0) + _RIM
+    tips = Workspace(geometry, arm).tip_of_extensions(boundary(geometry, _EDGE))
+    rim = _RIM * float(np.ptp(tips[:, 0]))
+    return tips.min(axis=0) - rim, tips.max(axis=0) + rim
 
 
 def _plane(
@@ -175,9 +195,11 @@ def _plane(
     return u, v, point
 
 
-def _stroke_left(arm: ArmGeometry, point: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stroke_left(
+    geometry: PlatformGeometry, arm: ArmGeometry, point: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """`Workspace.stroke_left` with finite numbers only, for contours."""
-    return np.maximum(Workspace(_GEOMETRY, arm).stroke_left(point), -1.0)
+    return np.maximum(Workspace(geometry, arm).stroke_left(point), -1.0)
 
 
 def _label(axes: Any, across: int, up: int) -> None:
@@ -185,34 +207,39 @@ def _label(axes: Any, across: int, up: int) -> None:
     axes.set_ylabel(f"{'xyz'[up]} [m]")
 
 
-def _draw_ring(arm: ArmGeometry, lean: float, canvas: "Canvas") -> None:
+def _draw_ring(
+    geometry: PlatformGeometry, arm: ArmGeometry, lean: float, canvas: "Canvas"
+) -> None:
     arm = replace(arm, lean=lean)
     above, section = canvas.subplots(1, 2, width_ratios=(1.0, 1.0))
     turns = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
-    _fill_from_above(above, replace(arm, turn=turns[:, np.newaxis, np.newaxis]), _SWEPT)
-    _fill_from_above(above, arm, _FILL)
+    every_turn = replace(arm, turn=turns[:, np.newaxis, np.newaxis])
+    _fill_from_above(above, geometry, every_turn, _SWEPT)
+    _fill_from_above(above, geometry, arm, _FILL)
     above.set_title("from above")
     above.set_aspect("equal")
     _label(above, 0, 1)
-    low, high = _box(arm)
+    low, high = _box(geometry, arm)
     u, v, point = _plane(low, high, 1, 0.5 * float(low[1] + high[1]))
-    swept = stroke_left_turning(_GEOMETRY, arm, point)
+    swept = stroke_left_turning(geometry, arm, point)
     section.contourf(u, v, np.maximum(swept, -1.0), [0.0, 1.0], colors=[_SWEPT])
-    section.contourf(u, v, _stroke_left(arm, point), [0.0, 1.0], colors=[_FILL])
+    section.contourf(u, v, _stroke_left(geometry, arm, point), [0.0, 1.0], colors=[_FILL])
     section.set_title(f"section at y = {point[0, 0, 1]:.3f} m")
     _label(section, 0, 2)
 
 
-def _fill_from_above(axes: "Axes", arm: ArmGeometry, colour: str) -> None:
+def _fill_from_above(
+    axes: "Axes", geometry: PlatformGeometry, arm: ArmGeometry, colour: str
+) -> None:
     """Fills what all faces cover; the arm's turn may be many, in shape (n, 1, 1)."""
     from matplotlib.collections import PolyCollection
 
     # Round each triangle: along an edge, the opposite side, and back.
     outlines = [
         np.concatenate([extension[0], extension[:, -1], extension[::-1, 0]])
-        for extension in faces(_GEOMETRY, _COARSE_EDGE).values()
+        for extension in faces(geometry, _COARSE_EDGE).values()
     ]
-    tips = Workspace(_GEOMETRY, arm).tip_of_extensions(np.stack(outlines))
+    tips = Workspace(geometry, arm).tip_of_extensions(np.stack(outlines))
     corners = tips[..., :2].reshape(-1, len(outlines[0]), 2)
     axes.add_collection(
         PolyCollection(list(corners), color=colour, linewidth=1.0, rasterized=True)
@@ -221,6 +248,8 @@ def _fill_from_above(axes: "Axes", arm: ArmGeometry, colour: str) -> None:
 
 
 _LEVEL = (0.0, 0.0)
+# Places of camera and of what it looks at, by the machine's size [m].
+_CAMERA, _TARGET = (2.9, -5.2, 3.3), (0.0, 0.0, 1.42)
 _FACE_EDGE = 25
 _AROUND, _ACROSS = 73, 145
 # Axes of frame {B}: colours, lengths [0.1 m], half a tick's length [m].
@@ -236,29 +265,35 @@ _LETTERS = {
 }
 
 
-def draw(arm: ArmGeometry, turn: float | None) -> Meshcat:
+def draw(
+    machine: PlatformDesign, geometry: PlatformGeometry, arm: ArmGeometry, turn: float | None
+) -> Meshcat:
     """The workspace above the machine, which stands level in the middle of its stroke.
 
     With the turntable the ring that the leaning arm sweeps is drawn too, translucent.
 
     Args:
+        machine: the platform.
+        geometry: its legs, on points or on rollers.
         arm: the arm, upright.
         turn: lean of the arm that the turntable turns [rad]; None: it does not turn.
     """
-    meshcat = make_viewer(camera=(2.9, -5.2, 3.3), target=(0.0, 0.0, 1.42))
-    p_WB = _draw_machine(meshcat, turn or 0.0)
+    size = machine.size
+    camera, target = ((size * np.array(place)).tolist() for place in (_CAMERA, _TARGET))
+    meshcat = make_viewer(camera, target)
+    p_WB = _draw_machine(meshcat, machine, turn or 0.0)
     if turn is not None:
         arm = replace(arm, lean=turn)
-        ring = swept_surface(PlatformGeometry(), arm, _AROUND, _ACROSS)
+        ring = swept_surface(geometry, arm, _AROUND, _ACROSS)
         _draw_patch(meshcat, "/workspace/turntable", ring + p_WB, Rgba(0.95, 0.60, 0.30, 0.45))
-    workspace = Workspace(PlatformGeometry(), arm)
-    for key, extension in faces(workspace.geometry, _FACE_EDGE).items():
+    workspace = Workspace(geometry, arm)
+    for key, extension in faces(geometry, _FACE_EDGE).items():
         points = workspace.tip_of_extensions(extension) + p_WB
-        path = f"/workspace/{face_name(*key)}"
+        path = f"/workspace/{face_name(geometry, *key)}"
         _draw_patch(meshcat, path, points, Rgba(*face_colour(*key), 1.0))
         outline = np.concatenate([points[0], points[:, -1], points[::-1, 0]])
         meshcat.SetLine(f"{path}/edges", outline.T, 2.0, Rgba(0.1, 0.1, 0.1))
-    _draw_axes(meshcat, np.add(p_WB, _ABOVE_SLAB))
+    _draw_axes(meshcat, np.add(p_WB, _ABOVE_SLAB), size)
     return meshcat
 
 
@@ -277,11 +312,10 @@ def wait(panel: Panel, console: Console) -> None:
         panel.close()
 
 
-def _draw_machine(meshcat: Meshcat, lean: float) -> NDArray[np.float64]:
+def _draw_machine(meshcat: Meshcat, machine: PlatformDesign, lean: float) -> NDArray[np.float64]:
     """Draws the machine about the world's origin; returns where its foot 2 stands (3) [m]."""
-    middle = 0.5 * (DRAWN.extension_min + DRAWN.extension_max)
-    extension = np.full(LEG_COUNT, middle)
-    posture = forward_kinematics(DRAWN, extension, _LEVEL)
+    geometry, extension = machine.geometry, np.array(machine.extensions_at(0.5))
+    posture = forward_kinematics(geometry, extension, _LEVEL)
     builder = DiagramBuilder()
     ports = [
         add(builder, ConstantVectorSource(np.asarray(value, dtype=float)), name).get_output_port()
@@ -291,10 +325,11 @@ def _draw_machine(meshcat: Meshcat, lean: float) -> NDArray[np.float64]:
             ("arm_position", (0.0, lean)),
         )
     ]
-    add_drawing(builder, _LEVEL, meshcat, *ports, geometry=DRAWN, structure=DRAWN_PARTS)
+    structure = machine.structure
+    add_drawing(builder, _LEVEL, meshcat, *ports, geometry=geometry, structure=structure)
     diagram = builder.Build()
     diagram.ForcedPublish(diagram.CreateDefaultContext())
-    x, y, _ = foot_to_centre(DRAWN.legs[SUPPORT_LEG], middle)
+    x, y, _ = foot_to_centre(geometry.legs[SUPPORT_LEG], extension[SUPPORT_LEG])
     return np.array([-x, -y, 0.0])
 
 
@@ -308,11 +343,12 @@ def _draw_patch(meshcat: Meshcat, path: str, points: NDArray[np.float64], colour
     meshcat.SetTriangleMesh(path, points.reshape(-1, 3).T, triangles.T, colour)
 
 
-def _draw_axes(meshcat: Meshcat, p_WB: NDArray[np.float64]) -> None:
+def _draw_axes(meshcat: Meshcat, p_WB: NDArray[np.float64], size: float) -> None:
     """Draws frame {B} with a stroke every tenth of a metre, and a letter at each axis's end."""
     for i, (name, colour) in enumerate(_AXES.items()):
         direction = np.eye(3)[i]
-        ticks = p_WB + 0.1 * np.arange(_LENGTHS[i] + 1)[:, np.newaxis] * direction
+        count = round(size * _LENGTHS[i])
+        ticks = p_WB + 0.1 * np.arange(count + 1)[:, np.newaxis] * direction
         across = _TICK * np.eye(3)[1 if name == "x" else 0]
         meshcat.SetLine(f"/axes/{name}", ticks.T, 3.0, colour)
         path = f"/axes/{name}/every 0.1 m"

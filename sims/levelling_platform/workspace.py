@@ -36,6 +36,8 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 
+from parapod.diagrams.designs import is_published
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.runner import Runner, say_where
@@ -61,7 +63,8 @@ from parapod.systems.levelling_platform.workspace import (
     tips_and_volumes,
 )
 
-_PAPER_SHARE = 0.97
+# The paper's model, with point feet, and its share of points inside its surfaces.
+_PAPER, _PAPER_SHARE = PlatformGeometry(), 0.97
 _ROUND_TRIPS = 10_000
 _ROUND_TRIP_BOUND = 1e-12  # [m]
 # Largest difference of a volume to that at half the resolution.
@@ -99,21 +102,15 @@ class ReachScenario(Schema):
     """The arm whose tip is followed.
 
     Attributes:
-        offset_mm: base of the arm from the platform's centre F [mm]; assumed, because Eq. (13) is
-            lost.
-        length_mm: length of the arm [mm].
+        offset_mm: base of the arm from the platform's centre F [mm]; null: `machine.arm.base_mm`,
+            which is assumed, because Eq. (13) is lost.
+        length_mm: length of the arm [mm]; null: the machine's.
         lean_deg: angle from upright while the turntable turns; otherwise the arm is upright [deg].
     """
 
-    offset_mm: list[float] = quantity([1e3 * x for x in ARM_BASE], -500.0, 500.0, length=3)
-    length_mm: float = quantity(2020.0, 100.0, 10000.0)
+    offset_mm: list[float] | None = quantity(None, -20_000.0, 20_000.0, length=3)
+    length_mm: float | None = quantity(None, 0.1, 20_000.0)
     lean_deg: float = quantity(45.0, 20.0, 80.0)
-
-    @property
-    def upright(self) -> ArmGeometry:
-        """The arm as in section 4."""
-        x, y, z = (1e-3 * value for value in self.offset_mm)
-        return ArmGeometry(offset=(x, y, z), length=1e-3 * self.length_mm)
 
     @property
     def lean(self) -> float:
@@ -135,6 +132,9 @@ class WorkspaceScenario(Schema):
         ground: see `SlopeScenario`.
         arm: see `ReachScenario`.
         turntable: turning of the arm by the motor in its base.
+        rollers: true if the feet are rollers of their radius, false if they are points as in the
+            paper's model; null: points where the machine is the paper's.
+        machine: see `PlatformDesign`.
     """
 
     backend: str = choice("exact", ("exact",))
@@ -143,15 +143,38 @@ class WorkspaceScenario(Schema):
     ground: SlopeScenario = field(default_factory=SlopeScenario)
     arm: ReachScenario = field(default_factory=ReachScenario)
     turntable: bool = False
+    rollers: bool | None = None
+    machine: PlatformDesign = field(default_factory=PlatformDesign)
+
+    @property
+    def geometry(self) -> PlatformGeometry:
+        """The platform, on points or on rollers."""
+        has_rollers = self.rollers
+        if has_rollers is None:
+            has_rollers = not is_published(self.machine)
+        geometry = self.machine.geometry
+        return geometry if has_rollers else geometry.on_points()
+
+    @property
+    def upright(self) -> ArmGeometry:
+        """The arm as in section 4."""
+        machine, own = self.machine.reach, self.arm
+        offset = machine.offset
+        if own.offset_mm is not None:
+            x, y, z = (1e-3 * value for value in own.offset_mm)
+            offset = (x, y, z)
+        length = machine.length if own.length_mm is None else 1e-3 * own.length_mm
+        return ArmGeometry(offset, length)
+
+    @property
+    def has_surfaces(self) -> bool:
+        """Whether it is the machine whose workspace the paper prints surfaces for."""
+        return is_published(self.machine)
 
     @property
     def turned(self) -> float | None:
         """Lean of the arm that the turntable turns [rad]; None: it does not turn."""
         return self.arm.lean if self.turntable else None
-
-
-# The paper's model: point feet.
-GEOMETRY = PlatformGeometry()
 
 
 class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
@@ -168,7 +191,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
         """The workspace above the machine, a picture that can be turned."""
         from parapod.sims.levelling_platform.solid import draw
 
-        return draw(scenario.arm.upright, scenario.turned)
+        return draw(scenario.machine, scenario.geometry, scenario.upright, scenario.turned)
 
     def run(self, scenario: WorkspaceScenario, runner: Runner) -> list["Survey"]:
         """Works out volume, surfaces, inclined ground and, if it may turn, the turntable."""
@@ -177,6 +200,8 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
             "comparing the printed surfaces": compare_surfaces,
             "inclining the ground": check_inclined_ground,
         }
+        if not scenario.has_surfaces:
+            del steps["comparing the printed surfaces"]
         if scenario.turntable:
             steps["turning the turntable"] = measure_turntable
         with runner.console.status("") as status:
@@ -200,7 +225,8 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
         """The solid, its sections and the turntable's ring (Fig. 12)."""
         from parapod.sims.levelling_platform.solid import figures
 
-        return figures(scenario.arm.upright, scenario.turned)
+        geometry, arm = scenario.geometry, scenario.upright
+        return figures(geometry, arm, scenario.turned, scenario.has_surfaces)
 
     def afterwards(
         self, scenario: WorkspaceScenario, data: list["Survey"], options: RunOptions
@@ -244,10 +270,10 @@ class Survey:
 
 def measure_volume(scenario: WorkspaceScenario) -> Survey:
     """Volume and extents of the workspace, and the closed form's round trip."""
-    arm = scenario.arm.upright
-    volume = _volume(arm, scenario.resolution)
-    coarser = _volume(arm, scenario.resolution // 2)
-    tips = Workspace(GEOMETRY, arm).tip_of_extensions(boundary(GEOMETRY, _EDGE))
+    geometry, arm = scenario.geometry, scenario.upright
+    volume = _volume(geometry, arm, scenario.resolution)
+    coarser = _volume(geometry, arm, scenario.resolution // 2)
+    tips = Workspace(geometry, arm).tip_of_extensions(boundary(geometry, _EDGE))
     extents = [
         Metric(
             f"extent_{axis}_mm",
@@ -276,8 +302,8 @@ def measure_volume(scenario: WorkspaceScenario) -> Survey:
     )
 
 
-def _volume(arm: ArmGeometry, resolution: int) -> float:
-    return float(tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, resolution))[1].sum())
+def _volume(geometry: PlatformGeometry, arm: ArmGeometry, resolution: int) -> float:
+    return float(tips_and_volumes(geometry, arm, posture_grid(geometry, resolution))[1].sum())
 
 
 def _resolution_error(what: str, value: float, coarser: float) -> Metric:
@@ -291,21 +317,22 @@ def _resolution_error(what: str, value: float, coarser: float) -> Metric:
 
 
 def _round_trip_error(scenario: WorkspaceScenario, arm: ArmGeometry) -> float:
-    low, high = GEOMETRY.extension_min, GEOMETRY.extension_max
+    geometry = scenario.geometry
+    low, high = geometry.extension_min, geometry.extension_max
     random = np.random.default_rng(scenario.seed)
     extension = random.uniform(low, high, (_ROUND_TRIPS, 3))
-    workspace = Workspace(GEOMETRY, arm, scenario.ground.inclination)
+    workspace = Workspace(geometry, arm, scenario.ground.inclination)
     _, reached = workspace.extensions_reaching(workspace.tip_of_extensions(extension))
     return float(np.abs(reached[:, :3] - extension).max())
 
 
 def compare_surfaces(scenario: WorkspaceScenario) -> Survey:
     """Compare the eight printed surfaces with the workspace, and say why they differ."""
-    arm = scenario.arm.upright
-    grid = posture_grid(GEOMETRY, scenario.resolution)
+    arm = scenario.upright
+    grid = posture_grid(_PAPER, scenario.resolution)
     volume, is_inside = _inside(arm, grid)
     enclosed, cell = enclosed_points(scenario.resolution)
-    is_reached = Workspace(GEOMETRY, arm).reaches(enclosed)
+    is_reached = Workspace(_PAPER, arm).reaches(enclosed)
     best = best_offset(arm)
     share = _share(*_inside(replace(arm, offset=best), grid))
     metrics = (
@@ -346,7 +373,7 @@ def compare_surfaces(scenario: WorkspaceScenario) -> Survey:
 
 def _inside(arm: ArmGeometry, grid: PostureGrid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The volume that each posture stands for, and whether its tip is inside all surfaces."""
-    tips, volume = tips_and_volumes(GEOMETRY, arm, grid)
+    tips, volume = tips_and_volumes(_PAPER, arm, grid)
     return volume, inside_surfaces(tips).all(axis=-1)
 
 
@@ -357,10 +384,10 @@ def _share(weight: NDArray[np.float64], which: NDArray[np.bool_]) -> float:
 @cache
 def best_offset(arm: ArmGeometry) -> tuple[float, float, float]:
     """Base of the arm for which the largest share of the volume is inside the surfaces [m]."""
-    grid = posture_grid(GEOMETRY, _COARSE)
+    grid = posture_grid(_PAPER, _COARSE)
     # The tips and their derivatives are affine in the offset: four of it give those of all.
     corners = [replace(arm, offset=(x, y, z)) for x, y, z in np.vstack([np.zeros(3), np.eye(3)])]
-    spaces = [Workspace(GEOMETRY, corner) for corner in corners]
+    spaces = [Workspace(_PAPER, corner) for corner in corners]
     tips = np.stack([space.tip_position(grid.posture) for space in spaces])
     slopes = np.stack([space.tip_jacobian(grid.posture) for space in spaces])
 
@@ -394,8 +421,8 @@ def _about_base(arm: ArmGeometry, best: tuple[float, float, float], share: float
 
 
 def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float]) -> str:
-    arm = replace(scenario.arm.upright, offset=best)
-    tips, volume = tips_and_volumes(GEOMETRY, arm, posture_grid(GEOMETRY, _COARSE))
+    arm = replace(scenario.upright, offset=best)
+    tips, volume = tips_and_volumes(_PAPER, arm, posture_grid(_PAPER, _COARSE))
     terms = surface_terms(tips)
     random = np.random.default_rng(scenario.seed)
     is_rounded = COEFFICIENTS != 0.0
@@ -415,10 +442,10 @@ def _about_rounding(scenario: WorkspaceScenario, best: tuple[float, float, float
 
 def check_inclined_ground(scenario: WorkspaceScenario) -> Survey:
     """Eq. (14): is the workspace on inclined ground that of level ground, rotated?"""
-    arm = scenario.arm.upright
-    grid = posture_grid(GEOMETRY, scenario.resolution // 2)
-    level, volume = tips_and_volumes(GEOMETRY, arm, grid)
-    on_slope = Workspace(GEOMETRY, arm, scenario.ground.inclination)
+    geometry, arm = scenario.geometry, scenario.upright
+    grid = posture_grid(geometry, scenario.resolution // 2)
+    level, volume = tips_and_volumes(geometry, arm, grid)
+    on_slope = Workspace(geometry, arm, scenario.ground.inclination)
     inclined = on_slope.tip_of_extensions(grid.extension)
     turn = np.arctan2(inclined[:, 1], inclined[:, 0]) - np.arctan2(level[:, 1], level[:, 0])
     apart = np.linalg.norm(inclined - level, axis=-1)
@@ -449,10 +476,11 @@ def check_inclined_ground(scenario: WorkspaceScenario) -> Survey:
 
 def measure_turntable(scenario: WorkspaceScenario) -> Survey:
     """Measure the reach of a leaning arm without and with the turntable, and its stability."""
-    arm = replace(scenario.arm.upright, lean=scenario.arm.lean)
-    leaning = _volume(arm, scenario.resolution)
-    swept = swept_volume(GEOMETRY, arm, scenario.resolution)
-    coarser = swept_volume(GEOMETRY, arm, scenario.resolution // 2)
+    geometry = scenario.geometry
+    arm = replace(scenario.upright, lean=scenario.arm.lean)
+    leaning = _volume(geometry, arm, scenario.resolution)
+    swept = swept_volume(geometry, arm, scenario.resolution)
+    coarser = swept_volume(geometry, arm, scenario.resolution // 2)
     metrics = (
         Metric(
             "leaning_volume_m3", leaning, "m^3", meaning="volume reached by the leaning arm alone"
@@ -468,7 +496,7 @@ def measure_turntable(scenario: WorkspaceScenario) -> Survey:
         ),
         Metric(
             "stability_margin_mm",
-            1e3 * _least_stability(arm),
+            1e3 * _least_stability(geometry, scenario.machine.masses, arm),
             "mm",
             at_least=0.0,
             meaning="smallest distance of the centre of mass from the edges between the feet",
@@ -482,14 +510,15 @@ def measure_turntable(scenario: WorkspaceScenario) -> Survey:
     return Survey(metrics, (note,))
 
 
-def _least_stability(arm: ArmGeometry) -> float:
+def _least_stability(
+    geometry: PlatformGeometry, masses: KinematicPlatformParams, arm: ArmGeometry
+) -> float:
     """Smallest `stability_margin` at the boundary of the workspace, level ground, all turns."""
-    params = KinematicPlatformParams()
-    extension = boundary(GEOMETRY, _EDGE)
-    attitude = forward_kinematics(GEOMETRY, extension, (0.0, 0.0))[:, :2]
+    extension = boundary(geometry, _EDGE)
+    attitude = forward_kinematics(geometry, extension, (0.0, 0.0))[:, :2]
     margins = []
     for turn in 2.0 * math.pi * np.arange(_TURNS) / _TURNS:
         turned_arm = replace(arm, turn=float(turn))
-        centre = params.centre_with(turned_arm.point_at(params.arm_centre / arm.length))
-        margins.append(stability_margin(GEOMETRY, extension, attitude, centre).min())
+        centre = masses.centre_with(turned_arm.point_at(masses.arm_centre / arm.length))
+        margins.append(stability_margin(geometry, extension, attitude, centre).min())
     return float(min(margins))

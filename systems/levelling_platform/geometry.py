@@ -174,6 +174,11 @@ class PlatformGeometry:
             for leg, own in legs
         )
 
+    def on_points(self) -> "PlatformGeometry":
+        """The same platform on point feet, as in the paper's model."""
+        legs = tuple(replace(leg, foot_radius=0.0) for leg in self.own_legs)
+        return replace(self, foot_radius=0.0, own_legs=legs)
+
     def with_stroke(self, stroke: tuple[float, float]) -> "PlatformGeometry":
         """The same platform, its actuators used from end to end.
 

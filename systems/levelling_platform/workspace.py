@@ -348,9 +348,9 @@ def enclosed_points(resolution: int) -> tuple[NDArray[np.float64], float]:
 
 
 _LEVEL = (0.0, 0.0)
-# Ratio of the size of the grid of attitudes to that of the rhombus of admissible ones, whose
-# sides are slightly curved.
-_RIM = 1.05
+# Ratio of the size of the grid of attitudes to that of the quadrilateral of admissible ones, whose
+# sides are slightly curved, and points along the edge of a face by which its corners are found.
+_RIM, _CORNERS = 1.05, 9
 
 
 @dataclass(frozen=True)
@@ -389,7 +389,7 @@ def posture_grid(geometry: PlatformGeometry, resolution: int) -> PostureGrid:
     attitudes = np.repeat(attitude[fits], resolution, axis=0)
     posture = np.concatenate([attitudes, height.reshape(-1, 1)], axis=1)
     extension = inverse_kinematics(geometry, posture, _LEVEL)
-    cell = area * np.repeat(step[:, 0], resolution)
+    cell = np.repeat(area[fits] * step[:, 0], resolution)
     active = posture_jacobian(geometry, posture, _LEVEL, extension)[:, :3]
     return PostureGrid(posture, extension, cell, cell * np.abs(np.linalg.det(active)))
 
@@ -412,32 +412,40 @@ def tips_and_volumes(
     return workspace.tip_position(grid.posture), grid.cell * scale
 
 
-def _attitudes(geometry: PlatformGeometry, resolution: int) -> tuple[NDArray[np.float64], float]:
-    """Midpoints (n, 2) of a grid over the attitudes that can be taken, and a cell's area.
+def _attitudes(
+    geometry: PlatformGeometry, resolution: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Midpoints (n, 2) of a grid over the attitudes that can be taken, and their cells' areas (n).
 
-    These attitudes make a rhombus whose corners are pure roll and pure pitch, each with two
-    legs at one end and two at the other end of the stroke.
+    These attitudes make a quadrilateral with slightly curved sides. With legs that are alike it is
+    a rhombus whose corners are pure roll and pure pitch, each with two legs at one end and two at
+    the other end of the stroke.
     """
-    a, b = geometry.extension_min, geometry.extension_max
-    corners = forward_kinematics(
-        geometry, [(b, a, a, b), (a, b, b, a), (a, a, b, b), (b, b, a, a)], _LEVEL
-    )
-    roll, pitch = _RIM * np.abs(corners[:, :2]).max(axis=0)
+    attitude = forward_kinematics(geometry, boundary(geometry, _CORNERS), _LEVEL)[:, :2]
+    ends = (attitude[:, 0].argmax(), attitude[:, 1].argmax())
+    starts = (attitude[:, 0].argmin(), attitude[:, 1].argmin())
+    corners = attitude[[*ends, *starts]]  # against the clock
+    middle = corners.mean(axis=0)
+    # The corners lie at (u, v) = (1, 1), (-1, 1), (-1, -1), (1, -1) of a bilinear map.
+    a, b, c, d = _RIM * (corners - middle)
+    along_u, along_v = a - b - c + d, a + b - c - d
+    twist = a - b + c - d
     u = (2.0 * np.arange(resolution) + 1.0) / resolution - 1.0
-    u, v = (c.ravel() for c in np.meshgrid(u, u))
-    area = 2.0 * roll * pitch / resolution**2
-    return np.stack([0.5 * roll * (u + v), 0.5 * pitch * (u - v)], axis=-1), area
+    u, v = (x.ravel()[:, np.newaxis] for x in np.meshgrid(u, u))
+    sides = np.stack([along_u + twist * v, along_v + twist * u], axis=-1)
+    area = np.abs(np.linalg.det(sides)) / (2.0 * resolution) ** 2
+    return middle + 0.25 * (along_u * u + along_v * v + twist * u * v), area
 
 
 def face(
     geometry: PlatformGeometry, leg: int, is_long: bool, resolution: int
 ) -> NDArray[np.float64]:
-    """Extensions on one of the workspace's eight faces, the same on any ground.
+    """Extensions on one of the workspace's faces, the same on any ground.
 
     The leg stays at one end of its stroke. One neighbour goes from that end to the other, one
-    row after the other; the other neighbour goes as far as it can before the leg opposite,
-    which follows, comes to its own other end. So the face is a triangle, whose last row has
-    shrunk to a corner.
+    row after the other, as far as the remaining legs can follow; the other neighbour goes as far
+    as it can before the leg opposite, which follows, comes to an end of its own. With legs that
+    are alike the face is a triangle, whose last row has shrunk to a corner.
 
     Args:
         geometry: the platform.
@@ -446,17 +454,30 @@ def face(
         resolution: points along an edge.
 
     Returns:
-        (resolution, resolution, 4) [m].
+        (resolution, resolution, 4) [m]; not finite where the leg comes to that end in no posture.
     """
     low, high = geometry.extension_min, geometry.extension_max
     here, there = (high, low) if is_long else (low, high)
     before, opposite, after = ((leg + i) % LEG_COUNT for i in (3, 2, 1))
-    share = np.linspace(0.0, 1.0, resolution)
+    share = np.linspace(0.0, 1.0, resolution)[:, np.newaxis]
+
+    def between(extension: NDArray[np.float64], which: int, other: int) -> NDArray[np.float64]:
+        """Ends of a neighbour's way, by those of the leg opposite [m]."""
+        ends = extension.copy()
+        ends[..., opposite] = (here, there)
+        ends[..., which] = _fourth(geometry, ends, (leg, opposite, other))
+        first, last = (np.nan_to_num(ends[..., i, which], nan=(here, there)[i]) for i in (0, 1))
+        first, last = np.clip(first, low, high), np.clip(last, low, high)
+        is_empty = (last - first) * (there - here) < 0.0
+        return np.where(is_empty, math.nan, np.stack([first, last]))
+
+    ends = np.full((2, LEG_COUNT), here)
+    ends[:, after] = (there, here)
+    first, last = between(ends, before, after)
     extension = np.full((resolution, resolution, LEG_COUNT), here)
-    extension[..., before] = (here + share * (there - here))[:, np.newaxis]
-    extension[..., opposite] = there
-    furthest = np.clip(_fourth(geometry, extension[:, 0], (leg, before, opposite)), low, high)
-    extension[..., after] = here + share * (furthest - here)[:, np.newaxis]
+    extension[..., before] = first + share * (last - first)
+    first, last = between(extension[:, [0, 0]], after, before)
+    extension[..., after] = first[:, np.newaxis] + share.T * (last - first)[:, np.newaxis]
     extension[..., opposite] = _fourth(geometry, extension, (leg, before, after))
     return extension
 
@@ -464,12 +485,13 @@ def face(
 def faces(
     geometry: PlatformGeometry, resolution: int
 ) -> dict[tuple[int, bool], NDArray[np.float64]]:
-    """`face` by leg's index and whether it is at the long end."""
-    return {
+    """`face` by leg's index and whether it is at the long end, of the faces that there are."""
+    every = {
         (leg, is_long): face(geometry, leg, is_long, resolution)
         for is_long in (False, True)
         for leg in range(LEG_COUNT)
     }
+    return {key: extension for key, extension in every.items() if np.isfinite(extension).all()}
 
 
 def boundary(geometry: PlatformGeometry, resolution: int) -> NDArray[np.float64]:

@@ -43,6 +43,10 @@ def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, tmp_pat
         ("machine.actuators.stop_min_mm=395", "not within the end stops of machine.actuators"),
         ("machine.legs.l_4_mm=900", "cannot stand level on actuators of 390 to 420 mm"),
         ("machine.legs.l_4_mm=0.44", "is it in another unit than mm?"),
+        (
+            "machine.each_leg=[{}, {}, {yaw_deg: 229}, {yaw_deg: 131}]",
+            "must go round against the clock",
+        ),
         ("machine.arm.urdf=nothing.urdf", "there is no such file"),
     ],
 )

@@ -1,19 +1,23 @@
 """The experiment `workspace`: its numbers, what they hang on, and its switch."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from parapod.sims.levelling_platform.solid import figures
 from parapod.sims.levelling_platform.workspace import (
     MeasureWorkspace,
     WorkspaceScenario,
     check_inclined_ground,
     compare_surfaces,
 )
+from parapod.sims.output.figures import render
+from parapod.sims.output.options import RunOptions
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.workspace import ArmGeometry
+
+LARGE = Path(__file__).parents[3] / "examples" / "machines" / "large_platform.yaml"
 
 
 def scenario_with(*overrides):
@@ -26,7 +30,7 @@ def values(finished):
 
 
 def test_the_default_arm_is_the_paper_s():
-    assert WorkspaceScenario().arm.upright == ArmGeometry()
+    assert WorkspaceScenario().upright == ArmGeometry()
 
 
 def test_the_numbers_are_those_of_the_docs(values):
@@ -66,10 +70,20 @@ def test_the_turntable_adds_its_numbers_and_its_figure(finished):
     upright, turning = finished("workspace"), finished("turntable")
     more = {"leaning_volume_m3", "swept_volume_m3", "swept_resolution_error", "swept_gain"}
     assert set(turning.values) - set(upright.values) == more | {"stability_margin_mm"}
-    assert (
-        len(figures(turning.scenario.arm.upright, turning.scenario.turned))
-        == len(figures(upright.scenario.arm.upright, upright.scenario.turned)) + 1
-    )
+    with_ring, without = (len(each.result.figures) for each in (turning, upright))
+    assert with_ring == without + 1
+
+
+def test_another_machine_has_no_printed_surfaces_but_a_workspace_as_large_as_it():
+    experiment = MeasureWorkspace("workspace")
+    scenario = load_scenario(WorkspaceScenario, overrides=("resolution=16",), machine=LARGE)
+    result = experiment.execute(scenario, RunOptions())
+    keys = {metric.key: metric.value for metric in result.metrics}
+    assert not any(key.startswith("inside") for key in keys)
+    assert keys["extent_x_mm"] > 629.4
+    assert [figure.name for figure in result.figures] == ["workspace", "workspace_sections"]
+    for figure in result.figures:
+        assert render(figure)
 
 
 def test_the_picture_is_self_contained():

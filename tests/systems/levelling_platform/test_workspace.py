@@ -35,7 +35,12 @@ from parapod.systems.levelling_platform.workspace import (
 
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)
-GEOMETRIES = pytest.mark.parametrize("geometry", [POINT, ROLLER], ids=["point", "roller"])
+# Longer legs in front, which also stand further apart.
+_REAR, _FRONT = POINT.legs[:2], (replace(leg, l_7=0.212, l_x=-0.43) for leg in POINT.legs[2:])
+UNEQUAL = replace(POINT, own_legs=(*_REAR, *_FRONT))
+GEOMETRIES = pytest.mark.parametrize(
+    "geometry", [POINT, ROLLER, UNEQUAL], ids=["point", "roller", "unequal"]
+)
 UPRIGHT = ArmGeometry()
 LEANING = ArmGeometry(lean=math.radians(45.0), turn=0.7)
 ARMS = pytest.mark.parametrize("arm", [UPRIGHT, LEANING], ids=["upright", "leaning"])
@@ -151,47 +156,52 @@ def test_a_face_has_its_leg_at_the_stop_and_the_others_within_the_stroke(geometr
 
 
 @ARMS
-def test_points_just_inside_the_faces_are_reached_and_just_outside_are_not(arm):
-    workspace = Workspace(POINT, arm)
+@GEOMETRIES
+def test_points_just_inside_the_faces_are_reached_and_just_outside_are_not(geometry, arm):
+    workspace = Workspace(geometry, arm)
     heart = workspace.tip_of_extensions(middle())
-    for extension in faces(POINT, 9).values():
+    for extension in faces(geometry, 9).values():
         # Not on the edges, where the faces' planes meet at an angle.
         tip = workspace.tip_of_extensions(extension[1:-1, 1:-1])
         assert workspace.reaches(tip + 1e-4 * (heart - tip)).all()
         assert not workspace.reaches(tip - 1e-4 * (heart - tip)).any()
 
 
-def test_the_faces_close_the_solid():
+@GEOMETRIES
+def test_the_faces_close_the_solid(geometry):
     # Divergence theorem: the flux of the position through them is three times the volume.
     flux = 0.0
-    heart = WORKSPACE.tip_of_extensions(middle())
-    for extension in faces(POINT, 81).values():
-        p = WORKSPACE.tip_of_extensions(extension) - heart
+    workspace = Workspace(geometry, UPRIGHT)
+    heart = workspace.tip_of_extensions(middle())
+    for extension in faces(geometry, 81).values():
+        p = workspace.tip_of_extensions(extension) - heart
         a, b, c, d = p[:-1, :-1], p[:-1, 1:], p[1:, 1:], p[1:, :-1]
         cells = np.einsum("...i,...i", a, np.cross(b, c)) + np.einsum(
             "...i,...i", a, np.cross(c, d)
         )
         flux += abs(cells.sum() / 6.0)
-    grid = posture_grid(POINT, 48)
-    assert tips_and_volumes(POINT, UPRIGHT, grid)[1].sum() == pytest.approx(flux, rel=2e-3)
+    grid = posture_grid(geometry, 48)
+    assert tips_and_volumes(geometry, UPRIGHT, grid)[1].sum() == pytest.approx(flux, rel=2e-3)
 
 
 # Volume
 
 
-def test_the_volume_is_that_of_the_box_of_extensions_with_leg_4_in_its_stroke():
+@GEOMETRIES
+def test_the_volume_is_that_of_the_box_of_extensions_with_leg_4_in_its_stroke(geometry):
     count = 40
+    workspace = Workspace(geometry, UPRIGHT)
     share = LOW + (HIGH - LOW) * (np.arange(count) + 0.5) / count
     extension = np.stack(np.meshgrid(share, share, share), axis=-1).reshape(-1, 3)
-    tip = WORKSPACE.tip_of_extensions(extension)
-    posture, needed = WORKSPACE.extensions_reaching(tip)
+    tip = workspace.tip_of_extensions(extension)
+    posture, needed = workspace.extensions_reaching(tip)
     fits = (needed[:, 3] >= LOW) & (needed[:, 3] <= HIGH)
     cell = ((HIGH - LOW) / count) ** 3
-    by_posture = np.linalg.det(WORKSPACE.tip_jacobian(posture[fits]))
-    active = np.linalg.det(posture_jacobian(POINT, posture[fits], LEVEL)[:, :3])
-    grid = posture_grid(POINT, 40)
+    by_posture = np.linalg.det(workspace.tip_jacobian(posture[fits]))
+    active = np.linalg.det(posture_jacobian(geometry, posture[fits], LEVEL)[:, :3])
+    grid = posture_grid(geometry, 40)
     assert grid.count.sum() == pytest.approx(cell * fits.sum(), rel=0.01)
-    volume = tips_and_volumes(POINT, UPRIGHT, grid)[1].sum()
+    volume = tips_and_volumes(geometry, UPRIGHT, grid)[1].sum()
     assert volume == pytest.approx(cell * np.abs(by_posture / active).sum(), rel=0.01)
 
 
