@@ -26,6 +26,7 @@ from parapod.sims.cli import (
     report,
     run,
     scenario,
+    sheet,
     study,
 )
 from parapod.sims.cli import list as list_command
@@ -36,7 +37,7 @@ from parapod.systems.core.errors import ParapodError
 # In the order of help, tour and reference.
 GROUPS: dict[str, dict[str, Any]] = {
     "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
-    "look": {"replay": replay, "plot": plot, "draw": draw},
+    "look": {"replay": replay, "plot": plot, "draw": draw, "sheet": sheet},
     "study": {"study": study, "compare": compare, "report": report},
     "real machine": {
         "emulate": emulate,

@@ -1,0 +1,1 @@
+"""Data sheets of machines as they are set: closed forms, nothing simulated."""

@@ -1,0 +1,111 @@
+"""Laws of the data sheets of all machines: units, similarity, and what is written."""
+
+import copy
+import json
+import math
+import re
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from parapod.diagrams.machine import find_machine
+from parapod.sims.cli.main import main
+from parapod.sims.sheet.sheet import GROUP, find_sheet
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.installed import installed
+from tests.laws.test_designs import parts, settled
+
+SHEETS = sorted({point.name for point in installed(GROUP)})
+each_sheet = pytest.mark.parametrize("name", SHEETS)
+# Powers of the scale with which lengths, areas, volumes, masses and so on grow: densities,
+# accelerations and angles stay, so times grow with the root and speeds do as well.
+POWERS = {
+    "": 0.0, "deg": 0.0, "mm": 1.0, "m^2": 2.0, "m^3": 3.0, "kg": 3.0, "N": 3.0, "Nm": 4.0,
+    "mm/s": 0.5, "m/s": 0.5, "deg/s": -0.5, "N/um": 2.0, "W": 3.5, "s": 0.5,
+}  # fmt: skip
+KEYS = {
+    "_mm": 1.0, "mass_kg": 3.0, "inertia_kg_m2": 5.0, "_N_um": 2.0, "_Nm_rad": 4.0,
+    "_m_s_V": 0.5, "_N_V": 3.0, "coulomb_friction": 3.0, "_force_N": 3.0, "_mm_s": 0.5,
+    "velocity_m_s": 0.5, "_ms": 0.5,
+}  # fmt: skip
+
+
+def scenario_of(name):
+    return find_machine(name).scenario()
+
+
+def similar(scenario, scale):
+    """A scenario whose machine is larger, of the same densities, under the same accelerations."""
+    scenario = copy.deepcopy(scenario)
+    scenario.machine = settled(scenario.machine)
+    for _, part in parts(scenario.machine):
+        for each in fields(part):
+            value, powers = getattr(part, each.name), KEYS.items()
+            power = next((p for key, p in powers if each.name.endswith(key)), None)
+            if value is None or power is None:
+                continue
+            setattr(part, each.name, (scale**power * np.array(value)).tolist())
+    return scenario
+
+
+@each_sheet
+def test_entries_say_their_unit_and_have_a_value(name):
+    sheet = find_sheet(name)(scenario_of(name))
+    entries = sheet.entries()
+    assert set(sheet.highlights) <= set(entries)
+    for key, entry in entries.items():
+        assert entry.meaning, key
+        assert entry.unit in POWERS, key
+        suffix = "_" + re.sub(r"[/^]", "_", entry.unit).replace("m_2", "m2").replace("m_3", "m3")
+        assert key.endswith(suffix) or not entry.unit, key
+        assert math.isfinite(sheet.value(key)), key
+
+
+@each_sheet
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_the_sheet_of_a_similar_machine_is_similar(name, scale):
+    scenario, kind = scenario_of(name), find_sheet(name)
+    forces, moments = scale**3 * np.array(kind.usual_wrench[:3]), kind.usual_wrench[3:]
+    wrench = (*forces.tolist(), *(scale**4 * np.array(moments)).tolist())
+    values = kind(scenario).values()
+    others = kind(similar(scenario, scale), wrench).values()
+    for key, entry in kind.entries().items():
+        expected = scale ** POWERS[entry.unit] * values[key]
+        # Heights at work are round millimetres.
+        assert others[key] == pytest.approx(expected, rel=0.02, abs=1e-9), key
+
+
+@each_sheet
+def test_an_entry_that_is_not_there_is_named_with_those_that_are(name):
+    sheet = find_sheet(name)(scenario_of(name))
+    with pytest.raises(ParapodError, match=r"the sheet has no entry 'mass'.*mass_kg"):
+        sheet.value("mass")
+
+
+@each_sheet
+def test_the_command_prints_and_writes_the_sheet(name, tmp_path, capsys):
+    experiment = find_machine(name).experiment
+    page, numbers = tmp_path / "sheet.html", tmp_path / "sheet.json"
+    assert main(["sheet", experiment, "--html", str(page), "--json", str(numbers)]) == 0
+    printed = capsys.readouterr().out
+    written = json.loads(numbers.read_text())
+    entries = find_sheet(name).entries()
+    assert list(written["entries"]) == list(entries)
+    assert all(entry in printed for entry in entries)
+    text = page.read_text()
+    assert text.count("data:image/svg+xml") >= 2
+    assert all(f">{entry}<" in text for entry in entries)
+
+
+def test_a_machine_that_cannot_be_has_no_sheet(tmp_path, capsys):
+    page = tmp_path / "sheet.html"
+    options = ["--set", "machine.legs.l_4_mm=900", "--html", str(page)]
+    assert main(["sheet", "level", *options]) == 2
+    assert "cannot stand level" in capsys.readouterr().err
+    assert not page.exists()
+
+
+def test_an_experiment_without_a_machine_is_refused(capsys):
+    assert main(["sheet", "centre-locks"]) == 2
+    assert "no machine that has a data sheet" in capsys.readouterr().err
