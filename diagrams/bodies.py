@@ -5,12 +5,13 @@ their axes: visuals, collision shapes, centres of mass and second moments follow
 they are known better than by stretching, centre and moments of inertia, are settings.
 """
 
+import copy
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, cast
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from pydrake.multibody.tree import UnitInertia
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, quantity
+from parapod.urdf import MODELS_DIR
 
 # Heaviest body [kg], largest moment of inertia [kg m^2], and farthest centre of mass [mm].
 _HEAVIEST, _BULKIEST, _FARTHEST = 1e5, 1e6, 1e5
@@ -120,23 +122,32 @@ def in_si[T](
         ScenarioError: dimensions that the dataclass refuses; names the key.
     """
     values, keys = dict(others), {}
-    for each in fields(kind):  # type: ignore[arg-type]
-        if each.name in others:
+    own: Any = type(design)
+    for field_name, name, convert in _conversions(own, cast(Any, kind)):
+        if field_name in others:
             continue
-        for suffix, convert in _UNITS.items():
-            name = f"{each.name}{suffix}"
-            if not hasattr(design, name):
-                continue
-            if (value := getattr(design, name)) is not None:
-                values[each.name], keys[each.name] = convert(value), name
-            elif usual is not None:
-                values[each.name] = getattr(usual, each.name)
+        if (value := getattr(design, name)) is not None:
+            values[field_name], keys[field_name] = convert(value), name
+        elif usual is not None:
+            values[field_name] = getattr(usual, field_name)
     try:
         dimensions: T = _build(cast(Any, kind), tuple(values.items()))
         return dimensions
     except ValueError as error:
         named = (f"{key}.{keys[name]}" for name in keys if name in str(error))
         raise ScenarioError(f"{key}: {error}", next(named, key)) from None
+
+
+@cache
+def _conversions(design: Any, kind: Any) -> list[tuple[str, str, Callable[[Any], Any]]]:
+    """Fields of a dataclass for which a schema has a key, that key, and its conversion."""
+    return [
+        (each.name, f"{each.name}{suffix}", convert)
+        for each in fields(kind)
+        for suffix, convert in _UNITS.items()
+        if hasattr(design, f"{each.name}{suffix}")
+        or f"{each.name}{suffix}" in design.__dataclass_fields__
+    ]
 
 
 @lru_cache(maxsize=64)
@@ -175,6 +186,41 @@ def fit_link(
         else:
             _stretch_shape(shape, factors, shift)
     _stretch_inertia(link, factors, shift, body)
+
+
+def link_bodies(url: str, adapt: Callable[[Element], None]) -> dict[str, Body]:
+    """Bodies of the links of a URDF model that is not as its file has it, by their names.
+
+    Args:
+        url: file of `parapod.urdf`, as `package://parapod/...`.
+        adapt: changes the file's `robot` element in place, from which the shapes are gone.
+    """
+    root = copy.deepcopy(_bare_model(url))
+    adapt(root)
+    bodies = {}
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is not None:
+            mass, moments = inertial.find("mass"), inertial.find("inertia")
+            assert mass is not None
+            assert moments is not None
+            bodies[link.get("name", "")] = Body(
+                float(mass.get("value", "0")),
+                tuple(_read(inertial.find("origin"), "xyz").tolist()),
+                tuple(float(moments.get(name, "0")) for name in _MOMENTS),
+            )
+    return bodies
+
+
+@lru_cache(maxsize=16)
+def _bare_model(url: str) -> Element:
+    """The `robot` element of a file, without what is drawn or touched."""
+    path = MODELS_DIR / url.removeprefix("package://parapod/")
+    root = fromstring(path.read_text(encoding="utf-8"))
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    return root
 
 
 def place_joints(root: Element, origins: Mapping[str, ArrayLike]) -> None:

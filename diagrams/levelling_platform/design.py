@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull  # type: ignore[import-untyped]
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
+from parapod.diagrams.levelling_platform.masses import masses_of
 from parapod.diagrams.levelling_platform.model import (
     ARM_JOINTS,
     OwnModel,
     PlatformStructure,
-    masses_of,
 )
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.velocity_servo import VelocityServoParams

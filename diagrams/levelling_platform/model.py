@@ -14,9 +14,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import (
-    BodyIndex,
     FixedOffsetFrame,
     Frame,
+    ModelInstanceIndex,
     PdControllerGains,
     RevoluteJoint,
     RigidBody,
@@ -36,11 +36,8 @@ from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.own_models import OwnModel
 from parapod.diagrams.wiring import add, connect
-from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import quoted
 from parapod.systems.levelling_platform.geometry import (
     ARM_BASE,
-    LEG_COUNT,
     LegGeometry,
     PlatformGeometry,
 )
@@ -55,7 +52,6 @@ from parapod.systems.levelling_platform.model import (
     joint_origins,
     standing_pose,
 )
-from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.urdf import configure_parser
 
@@ -70,9 +66,10 @@ _ROLLER, _STOP = 0.5, 0.38
 # rod of the drawn leg [m^2].
 _ROD_DAMPING, _CRANK = 0.01, 5e-3
 # Distance of an extension from those of a flat parallelogram, by the drawn short side [m]; least
-# factor of a drawn part [-]; distance of axes that meet [m].
-_FLAT, _LEAST, _ASIDE = 1e-3, 0.1, 1e-3
-_LEG_FILES = {"full": "leg.urdf", "reduced": "leg_reduced.urdf"}
+# factor of a drawn part [-].
+_FLAT, _LEAST = 1e-3, 0.1
+BASE, WHEEL = f"{_FOLDER}/base.urdf", f"{_FOLDER}/wheel.urdf"
+LEGS = {"full": f"{_FOLDER}/leg.urdf", "reduced": f"{_FOLDER}/leg_reduced.urdf"}
 ARM_JOINTS = ("turntable", "arm")
 # Length of the drawn arm [m]; damping of its drives by their stiffness [s].
 _ARM_LENGTH, _ARM_DAMPING = 2.02, 0.05
@@ -120,6 +117,15 @@ class PlatformStructure:
         """Its links by their names."""
         return dict(self.bodies)
 
+    @property
+    def arm_alone(self) -> "PlatformStructure":
+        """Its arm on a platform as drawn."""
+        names = ("mount", "turntable", "link")
+        bodies = tuple((name, body) for name, body in self.bodies if name in names)
+        return PlatformStructure(
+            arm_base=self.arm_base, arm_length=self.arm_length, arm=self.arm, bodies=bodies
+        )
+
 
 DRAWN_PARTS = PlatformStructure()
 
@@ -149,20 +155,19 @@ def add_platform(
         ValueError: another `leg_model` than those.
         ScenarioError: a file of a part of one's own that does not do.
     """
-    if leg_model not in _LEG_FILES:
-        raise ValueError(f"leg_model: {leg_model!r} is none of {', '.join(_LEG_FILES)}")
+    if leg_model not in LEGS:
+        raise ValueError(f"leg_model: {leg_model!r} is none of {', '.join(LEGS)}")
     parser = Parser(plant)
     configure_parser(parser)
-    base = _add_base(parser, structure)
+    base = add_base(parser, structure)
     legs = zip(geometry.legs, geometry.drawn_legs, strict=True)
     for i, (leg, drawn_leg) in enumerate(legs, start=1):
         mount: Any = plant.AddFrame(FixedOffsetFrame(f"hip_{i}", base, hip_pose(leg)))
         adapt = functools.partial(fit_leg, leg, drawn_leg, structure, leg_model)
-        file = f"{_FOLDER}/{_LEG_FILES[leg_model]}"
-        instance = add_adapted_model(parser, file, f"leg_{i}", adapt)
+        instance = add_adapted_model(parser, LEGS[leg_model], f"leg_{i}", adapt)
         plant.WeldFrames(mount, plant.GetFrameByName("hip", instance))
     axles = _add_wheels(parser, base, structure)
-    _add_arm(parser, base, structure)
+    add_arm(parser, base, structure)
     _fix_wheels(plant, axles, wheels)
     slab = add_ground(parser, math.ceil(max(1.0, *structure.stretch[:2]) - 1e-9))
     X_WG = ground_pose(ground, foot_offsets)
@@ -174,21 +179,32 @@ def add_platform(
     return PlatformModel(plant, ground_mount, geometry)
 
 
-def _add_base(parser: Parser, structure: PlatformStructure) -> Frame:
+def add_base(parser: Parser, structure: PlatformStructure) -> Frame:
     """The drawn base; or an empty one that bears the user's own."""
     plant, own = parser.plant(), structure.base
 
     def fit(root: Element) -> None:
-        fit_link(root, "base", structure.stretch, structure.links.get("base"))
+        fit_base(structure, root)
         if own.urdf:
             _empty(root, "base")
 
-    instance = add_adapted_model(parser, f"{_FOLDER}/base.urdf", "base", fit)
+    instance = add_adapted_model(parser, BASE, "base", fit)
     base = plant.GetFrameByName("base", instance)
     if own.urdf:
         _, frame, _ = own.add(plant, "own_base")
         plant.WeldFrames(base, frame)
     return base
+
+
+def fit_base(structure: PlatformStructure, root: Element) -> None:
+    """Gives the model of the base the dimensions of a platform's."""
+    fit_link(root, "base", structure.stretch, structure.links.get("base"))
+
+
+def fit_wheel(structure: PlatformStructure, root: Element) -> None:
+    """Gives the model of a wheel the dimensions of a platform's."""
+    size = structure.wheels.radius / WheelGeometry().radius
+    fit_link(root, "wheel", (size, size, size), structure.links.get("wheel"))
 
 
 def _empty(root: Element, name: str) -> None:
@@ -207,16 +223,12 @@ def _add_wheels(
 ) -> list[tuple[Frame, Frame]]:
     """The wheels, which are not fixed yet: frames of their axles and of themselves."""
     plant, geometry = parser.plant(), structure.wheels
-    size = geometry.radius / WheelGeometry().radius
-
-    def fit(root: Element) -> None:
-        fit_link(root, "wheel", (size, size, size), structure.links.get("wheel"))
-
     pairs = []
     for i, place in enumerate(geometry.axles, start=1):
         X_FA = RigidTransform(np.array(place))
         axle: Any = plant.AddFrame(FixedOffsetFrame(f"axle_{i}", base, X_FA))
-        instance = add_adapted_model(parser, f"{_FOLDER}/wheel.urdf", f"wheel_{i}", fit)
+        fit = functools.partial(fit_wheel, structure)
+        instance = add_adapted_model(parser, WHEEL, f"wheel_{i}", fit)
         pairs.append((axle, plant.GetFrameByName("wheel", instance)))
     return pairs
 
@@ -230,8 +242,10 @@ def _fix_wheels(plant: MultibodyPlant, pairs: Sequence[tuple[Frame, Frame]], whe
             plant.AddJointActuator(f"wheel_{i}", turn).set_controller_gains(_WHEEL_GAINS)
 
 
-def _add_arm(parser: Parser, base: Frame, structure: PlatformStructure) -> None:
-    """The drawn arm, or the user's own."""
+def add_arm(
+    parser: Parser, base: Frame, structure: PlatformStructure
+) -> tuple[ModelInstanceIndex, Frame]:
+    """Adds the drawn arm, or the user's own; returns it and the frame in which its base is."""
     plant, own = parser.plant(), structure.arm
     X_FB = RigidTransform(np.array(structure.arm_base))
     mount: Any = plant.AddFrame(FixedOffsetFrame("arm_mount", base, X_FB))
@@ -249,7 +263,7 @@ def _add_arm(parser: Parser, base: Frame, structure: PlatformStructure) -> None:
             if actuator is None:
                 actuator = plant.AddJointActuator(joint.name(), joint)
             actuator.set_controller_gains(gains)
-        return
+        return instance, mount
     tall = structure.arm_base[2] / ARM_BASE[2]
     size = (tall, tall, tall) if tall > 0.0 else (1.0, 1.0, 1.0)
     long = structure.arm_length / _ARM_LENGTH
@@ -263,6 +277,7 @@ def _add_arm(parser: Parser, base: Frame, structure: PlatformStructure) -> None:
     for name in ARM_JOINTS:
         plant.GetJointActuatorByName(name, instance).set_controller_gains(gains)
     plant.WeldFrames(mount, plant.GetFrameByName("mount", instance))
+    return instance, mount
 
 
 def fit_leg(
@@ -332,6 +347,8 @@ def _draw_inclined(leg: LegGeometry, size: float, root: Element) -> None:
     e, lean = np.array([leg.e_a[0], 0.0, leg.e_a[1]]), (0.0, 0.5 * math.pi - leg.alpha, 0.0)
     up = np.array([0.0, 0.0, 1.0])
     corner, foot = -leg.l_6 * e, leg.l_7 - leg.foot_radius
+    if root.find("link/visual") is None:  # it is not drawn
+        return
     places = {
         "hip": (0.0 * e, leg.l_3 * e, 0.4375 * leg.l_3 * e),
         "coupler": (
@@ -389,7 +406,7 @@ def _shared_masses(leg: LegGeometry, structure: PlatformStructure) -> dict[str, 
     parser = Parser(plant)
     configure_parser(parser)
     adapt = functools.partial(fit_leg, leg, leg, structure, "full")
-    instance = add_adapted_model(parser, f"{_FOLDER}/{_LEG_FILES['full']}", "leg", adapt)
+    instance = add_adapted_model(parser, LEGS["full"], "leg", adapt)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("hip", instance))
     plant.Finalize()
     context = plant.CreateDefaultContext()
@@ -420,77 +437,6 @@ def _shared_masses(leg: LegGeometry, structure: PlatformStructure) -> dict[str, 
         "hip": Body(float(hip), (float(first / hip), 0.0, float(third / hip))),
         "crank": Body(float(crank), (leg.l_4, 0.0, 0.0)),
     }
-
-
-@functools.lru_cache(maxsize=16)
-def masses_of(geometry: PlatformGeometry, structure: PlatformStructure) -> KinematicPlatformParams:
-    """Masses of a platform, as the plant that is built has them.
-
-    Args:
-        geometry: dimensions of its legs.
-        structure: its other parts.
-
-    Raises:
-        ScenarioError: see `add_platform`; or an arm whose axes do not meet.
-    """
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1.0)
-    model = add_platform(plant, geometry=geometry, structure=structure)
-    context = plant.CreateDefaultContext()
-    middle = np.full(LEG_COUNT, 0.5 * (geometry.extension_min + geometry.extension_max))
-    upright = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    plant.SetPositions(context, model.positions_at(middle, upright, (0.0, 0.0)))
-    turn, swing = (
-        joint
-        for joint in map(plant.get_joint, plant.GetJointIndices(model.arm))
-        if joint.num_velocities()
-    )
-    base = model.base.body_frame()
-    X_FT, X_FS = (
-        plant.CalcRelativeTransform(context, base, joint.frame_on_child())
-        for joint in (turn, swing)
-    )
-    _check_axes(structure.arm, turn, swing, X_FT, X_FS)
-    moved = set(map(int, plant.GetBodiesKinematicallyAffectedBy([swing.index()])))
-    ground = int(plant.GetBodyByName("ground").index())
-    others = [BodyIndex(i) for i in range(1, plant.num_bodies()) if i not in moved and i != ground]
-    platform = plant.CalcSpatialInertia(context, base, others)
-    arm = plant.CalcSpatialInertia(
-        context, swing.frame_on_child(), [BodyIndex(i) for i in sorted(moved)]
-    )
-    centre = arm.get_com()
-    across = arm.Shift(centre).CalcRotationalInertia().get_moments()
-    return KinematicPlatformParams(
-        mass=platform.get_mass(),
-        centre_of_mass=tuple(platform.get_com().tolist()),
-        arm_mass=arm.get_mass(),
-        arm_base=tuple(X_FS.translation().tolist()),
-        arm_centre=float(centre[2]),
-        arm_inertia=float(max(across[:2])),
-    )
-
-
-def _check_axes(
-    own: OwnModel, turn: Any, swing: Any, X_FT: RigidTransform, X_FS: RigidTransform
-) -> None:
-    """Refuses an arm whose turntable does not turn about z, or that does not swing about y."""
-    group = own.key.rpartition(".")[0]
-    for joint, X_F, axis in ((turn, X_FT, (0.0, 0.0, 1.0)), (swing, X_FS, (0.0, 1.0, 0.0))):
-        there = X_F.rotation().matrix() @ joint.revolute_axis()
-        if not np.allclose(there, axis, atol=1e-6):
-            words = "z" if joint is turn else "y"
-            raise ScenarioError(
-                f"{group}.joints: {quoted(joint.name())} of {quoted(own.urdf)} must turn about "
-                f"the platform's {words} axis where the arm is upright",
-                f"{group}.joints",
-            )
-    aside = X_FS.translation() - X_FT.translation()
-    if not np.hypot(*aside[:2]) < _ASIDE:
-        raise ScenarioError(
-            f"{group}.joints: the axes of {quoted(turn.name())} and {quoted(swing.name())} of "
-            f"{quoted(own.urdf)} must meet, and are {1e3 * np.hypot(*aside[:2]):.1f} mm apart",
-            f"{group}.joints",
-        )
 
 
 def _add_pads(

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _LEVEL = (0.0, 0.0)
 # Directions in which ground and platform are inclined, turns of the turntable that are looked at.
-_DIRECTIONS, _TURNS = 72, 24
+_DIRECTIONS, _TURNS = 48, 24
 # Cells along each axis of the workspace, and points along an edge of one of its faces.
 _CELLS, _EDGE = 24, 9
 # Leans of the arm that are looked at [rad].

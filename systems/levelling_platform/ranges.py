@@ -14,6 +14,8 @@ from parapod.systems.levelling_platform.kinematics import height_range
 _LEVEL = (0.0, 0.0)
 # Largest angle that is looked at [rad].
 _STEEP = math.radians(60.0)
+# Error of an angle [rad].
+_FOUND = 1e-9
 
 
 def ground_of(inclination: ArrayLike, azimuth: ArrayLike) -> NDArray[np.float64]:
@@ -102,7 +104,7 @@ def _last(
     """Largest angles (...) at which something is left, by azimuth [rad]."""
     along = np.asarray(azimuth, dtype=float)
     start, end = np.zeros_like(along), np.full_like(along, _STEEP)
-    root = find_root(spare, (start, end), args=(along,)).x
+    root = find_root(spare, (start, end), args=(along,), tolerances={"xatol": _FOUND}).x
     root = np.where(spare(end, along) >= 0.0, _STEEP, root)
     return np.where(spare(start, along) <= 0.0, 0.0, root)
 

@@ -1,0 +1,205 @@
+"""Masses of a platform in closed form, from the files of its bodies: no plant is built for them.
+
+Base or arm of one's own are read by Drake, once.
+"""
+
+import functools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+
+from parapod.diagrams.bodies import Body, link_bodies
+from parapod.diagrams.levelling_platform.model import (
+    BASE,
+    LEGS,
+    WHEEL,
+    PlatformStructure,
+    add_arm,
+    add_base,
+    fit_base,
+    fit_leg,
+    fit_wheel,
+)
+from parapod.diagrams.own_models import OwnModel
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
+from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
+from parapod.systems.levelling_platform.leg import diagonal_angle, swing_angle
+from parapod.systems.levelling_platform.model import hip_pose, joint_origins
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams
+from parapod.urdf import configure_parser
+
+_ASIDE = 1e-3  # distance of axes that meet [m]
+
+
+class _Part(NamedTuple):
+    """Mass [kg] and its first moment [kg m]."""
+
+    mass: float
+    moment: NDArray[np.float64]
+
+
+@functools.lru_cache(maxsize=64)
+def masses_of(geometry: PlatformGeometry, structure: PlatformStructure) -> KinematicPlatformParams:
+    """Masses of a platform, as the plant that is built has them, its legs in their middle.
+
+    Args:
+        geometry: dimensions of its legs.
+        structure: its other parts.
+
+    Raises:
+        ScenarioError: a file of a part of one's own that does not do, or an arm whose axes do not
+            meet.
+    """
+    standing, arm = _arm(structure.arm_alone)
+    parts = [standing, _base(structure), *_wheels(structure), *_legs(geometry, structure)]
+    mass = sum(part.mass for part in parts)
+    moment = np.sum([part.moment for part in parts], axis=0)
+    return KinematicPlatformParams(
+        mass=mass, centre_of_mass=tuple((moment / mass).tolist()), **arm
+    )
+
+
+def _base(structure: PlatformStructure) -> _Part:
+    """The base, about F."""
+    if structure.base.urdf:
+        return _own_base(structure.base)
+    (body,) = link_bodies(BASE, functools.partial(fit_base, structure)).values()
+    return _weigh(body)
+
+
+@functools.lru_cache(maxsize=16)
+def _own_base(own: OwnModel) -> _Part:
+    plant, parser = _plant()
+    frame = add_base(parser, PlatformStructure(base=own))
+    plant.WeldFrames(plant.world_frame(), frame)
+    plant.Finalize()
+    bodies = [BodyIndex(i) for i in range(1, plant.num_bodies())]
+    inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), frame, bodies)
+    return _Part(inertia.get_mass(), inertia.get_mass() * inertia.get_com())
+
+
+def _wheels(structure: PlatformStructure) -> Iterator[_Part]:
+    """The wheels, about F."""
+    (body,) = link_bodies(WHEEL, functools.partial(fit_wheel, structure)).values()
+    for axle in structure.wheels.axles:
+        yield _weigh(body, RigidTransform(np.array(axle)))
+
+
+def _legs(geometry: PlatformGeometry, structure: PlatformStructure) -> Iterator[_Part]:
+    """Bodies of the legs in the middle of their strokes, about F."""
+    middle = 0.5 * (geometry.extension_min + geometry.extension_max)
+    weighed: dict[tuple[LegGeometry, ...], _Part] = {}
+    for leg, drawn_leg in zip(geometry.legs, geometry.drawn_legs, strict=True):
+        alike = tuple(
+            replace(each, l_x=0.0, l_y=0.0, l_z=0.0, beta=0.0) for each in (leg, drawn_leg)
+        )
+        if alike not in weighed:
+            bodies = link_bodies(
+                LEGS["full"], functools.partial(fit_leg, leg, drawn_leg, structure, "full")
+            )
+            poses = _link_poses(leg, drawn_leg, middle).items()
+            links = [_weigh(bodies[name], X_DL) for name, X_DL in poses]
+            moment = np.sum([link.moment for link in links], axis=0)
+            weighed[alike] = _Part(sum(link.mass for link in links), moment)
+        mass, moment = weighed[alike]
+        X_FD = hip_pose(leg)
+        yield _Part(mass, mass * X_FD.translation() + X_FD.rotation().matrix() @ moment)
+
+
+def _link_poses(
+    leg: LegGeometry, drawn_leg: LegGeometry, extension: float
+) -> dict[str, RigidTransform]:
+    """Poses of a leg's links in its frame D, by their names."""
+    swing, diagonal = swing_angle(leg, extension), diagonal_angle(leg, extension)
+    origins = {n: np.array(p) for n, p in joint_origins(leg, drawn_leg, "full").items()}
+    end = leg.l_4 * np.array([math.cos(swing), 0.0, math.sin(swing)])
+    cylinder = RigidTransform(RotationMatrix.MakeYRotation(-diagonal), origins["cylinder_swing"])
+    return {
+        "hip": RigidTransform(),
+        "lower_link": RigidTransform(RotationMatrix.MakeYRotation(-swing), np.zeros(3)),
+        "coupler": RigidTransform(end),
+        "roller": RigidTransform(end + origins["roll"]),
+        "cylinder": cylinder,
+        "rod": cylinder @ RigidTransform(np.array([extension, 0.0, 0.0])),
+    }
+
+
+def _weigh(body: Body, X_FL: RigidTransform | None = None) -> _Part:
+    """Mass and moment of a link about F, whose frame has a pose."""
+    centre = np.array(body.centre)
+    if X_FL is not None:
+        centre = X_FL.translation() + X_FL.rotation().matrix() @ centre
+    return _Part(body.mass, body.mass * centre)
+
+
+@functools.lru_cache(maxsize=64)
+def _arm(structure: PlatformStructure) -> tuple[_Part, dict[str, Any]]:
+    """Parts of the arm that do not swing, about F; fields of the masses for those that do."""
+    plant, parser = _plant()
+    world = plant.world_frame()
+    instance, _ = add_arm(parser, world, structure)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    turn, swing = (
+        joint
+        for joint in map(plant.get_joint, plant.GetJointIndices(instance))
+        if joint.num_velocities()
+    )
+    X_FT, X_FS = (
+        plant.CalcRelativeTransform(context, world, joint.frame_on_child())
+        for joint in (turn, swing)
+    )
+    _check_axes(structure.arm, turn, swing, X_FT, X_FS)
+    swinging = set(map(int, plant.GetBodiesKinematicallyAffectedBy([swing.index()])))
+    others = [BodyIndex(i) for i in range(1, plant.num_bodies()) if i not in swinging]
+    standing = plant.CalcSpatialInertia(context, world, others)
+    bodies = [BodyIndex(i) for i in sorted(swinging)]
+    arm = plant.CalcSpatialInertia(context, swing.frame_on_child(), bodies)
+    centre = arm.get_com()
+    across = arm.Shift(centre).CalcRotationalInertia().get_moments()
+    fields = {
+        "arm_mass": arm.get_mass(),
+        "arm_base": tuple(X_FS.translation().tolist()),
+        "arm_centre": float(centre[2]),
+        "arm_inertia": float(max(across[:2])),
+    }
+    return _Part(standing.get_mass(), standing.get_mass() * standing.get_com()), fields
+
+
+def _plant() -> tuple[MultibodyPlant, Parser]:
+    plant = MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    configure_parser(parser)
+    return plant, parser
+
+
+def _check_axes(
+    own: OwnModel, turn: Any, swing: Any, X_FT: RigidTransform, X_FS: RigidTransform
+) -> None:
+    """Refuses an arm whose turntable does not turn about z, or that does not swing about y."""
+    group = own.key.rpartition(".")[0]
+    for joint, X_F, axis in ((turn, X_FT, (0.0, 0.0, 1.0)), (swing, X_FS, (0.0, 1.0, 0.0))):
+        there = X_F.rotation().matrix() @ joint.revolute_axis()
+        if not np.allclose(there, axis, atol=1e-6):
+            words = "z" if joint is turn else "y"
+            raise ScenarioError(
+                f"{group}.joints: {quoted(joint.name())} of {quoted(own.urdf)} must turn about "
+                f"the platform's {words} axis where the arm is upright",
+                f"{group}.joints",
+            )
+    aside = X_FS.translation() - X_FT.translation()
+    if not np.hypot(*aside[:2]) < _ASIDE:
+        raise ScenarioError(
+            f"{group}.joints: the axes of {quoted(turn.name())} and {quoted(swing.name())} of "
+            f"{quoted(own.urdf)} must meet, and are {1e3 * np.hypot(*aside[:2]):.1f} mm apart",
+            f"{group}.joints",
+        )
