@@ -607,6 +607,15 @@ class PlatformDesign(Schema):
                 f"within the end stops of machine.actuators, {low:g} to {high:g} mm",
                 key,
             )
+        self._check_loops()
+        lowest, depth = self.level_heights[0], -float(self.structure.underside[0, 2])
+        if not self.base.urdf and lowest <= depth:
+            key = "machine.legs"
+            raise ScenarioError(
+                f"{key}: its base touches the ground: in the lowest posture F is "
+                f"{1e3 * lowest:.0f} mm high; it must be more than {1e3 * depth:.0f} mm",
+                key,
+            )
         if (outside := self._beyond_feet()) > 0.0:
             raise ScenarioError(
                 f"machine: it tips over: its centre of mass is {1e3 * outside:.0f} mm outside its "
@@ -644,6 +653,21 @@ class PlatformDesign(Schema):
                 "go round against the clock, as the corners of a convex figure",
                 key,
             )
+
+    def _check_loops(self) -> None:
+        """Refuses parallelograms that become flat, and open, where it stands."""
+        low, high = self.standing_stroke
+        for number, leg in enumerate(self.geometry.legs, start=1):
+            shortest, longest = abs(leg.l_4 - leg.l_3), leg.l_4 + leg.l_3
+            for flat, is_open in ((shortest, low <= shortest), (longest, high >= longest)):
+                if is_open:
+                    key = "machine.each_leg" if self.each_leg else "machine.legs"
+                    raise ScenarioError(
+                        f"{key}: the parallelogram of leg {number} is flat at an extension of "
+                        f"{1e3 * flat:.1f} mm, and it stands on {1e3 * low:.1f} to "
+                        f"{1e3 * high:.1f} mm: l_3_mm and l_4_mm must allow for that",
+                        key,
+                    )
 
     def _beyond_feet(self) -> float:
         """Distance of the centre of mass beyond the feet's edges, level, arm upright [m]."""

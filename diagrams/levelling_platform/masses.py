@@ -38,6 +38,7 @@ from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.urdf import configure_parser
 
 _ASIDE = 1e-3  # distance of axes that meet [m]
+_NOWHERE = {"l_x": 0.0, "l_y": 0.0, "l_z": 0.0}
 
 
 class _Part(NamedTuple):

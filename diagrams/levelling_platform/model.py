@@ -60,6 +60,7 @@ DRAWN = PlatformGeometry(foot_radius=0.025)
 _FOLDER = "package://parapod/levelling_platform"
 _DRAKE = "{http://drake.mit.edu}"
 _LEG_LINKS = ("hip", "lower_link", "coupler", "roller", "cylinder", "rod")
+_BASE = 0.88, 0.42, 0.20  # length, width, and depth below F of the drawn base, as it collides [m]
 # Mass of the drawn roller [kg], and end stop of the drawn rod [m].
 _ROLLER, _STOP = 0.5, 0.38
 # Damping of a rod by its stiffness [s], and stiffness of the reduced leg's crank by that of the
@@ -116,6 +117,13 @@ class PlatformStructure:
     def links(self) -> dict[str, Body]:
         """Its links by their names."""
         return dict(self.bodies)
+
+    @property
+    def underside(self) -> NDArray[np.float64]:
+        """Corners (4, 3) of the drawn base that are nearest to the ground, from F [m]."""
+        along, across = (0.5 * side for side in _BASE[:2])
+        corners = [(x, y, -_BASE[2]) for x in (-along, along) for y in (-across, across)]
+        return np.array(self.stretch) * np.array(corners)
 
     @property
     def arm_alone(self) -> "PlatformStructure":

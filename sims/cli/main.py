@@ -17,6 +17,7 @@ from parapod.sims.cli import (
     bench_rt,
     check,
     compare,
+    design,
     draw,
     emulate,
     home,
@@ -38,7 +39,7 @@ from parapod.systems.core.errors import ParapodError
 GROUPS: dict[str, dict[str, Any]] = {
     "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
     "look": {"replay": replay, "plot": plot, "draw": draw, "sheet": sheet},
-    "study": {"study": study, "compare": compare, "report": report},
+    "study": {"design": design, "study": study, "compare": compare, "report": report},
     "real machine": {
         "emulate": emulate,
         "check": check,

@@ -121,7 +121,7 @@ def execute(arguments: argparse.Namespace) -> int:
     records = Records(study.sampling)
     is_over = False
     try:
-        with _crew(arguments) as crew:
+        with crew_of(arguments) as crew:
             console = Console(stderr=True)
             study.carry_out(crew, records, console, arguments.out, arguments.resume)
         is_over = True
@@ -132,7 +132,8 @@ def execute(arguments: argparse.Namespace) -> int:
     return _show(StudyResult(study, records), arguments)
 
 
-def _crew(arguments: argparse.Namespace) -> "Crew":
+def crew_of(arguments: argparse.Namespace) -> "Crew":
+    """The crew that `--workers` or `--cluster` ask for."""
     if arguments.cluster is not None:
         from parapod.sims.study.cluster import ClusterCrew
 

@@ -13,7 +13,15 @@ from scipy.spatial import ConvexHull  # type: ignore[import-untyped]
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.style import COLOURS
 from parapod.sims.output.figures import Figure
-from parapod.sims.sheet.sheet import Dimension, Sheet, Table, Wrench, conditioning, entry
+from parapod.sims.sheet.sheet import (
+    Demonstration,
+    Dimension,
+    Sheet,
+    Table,
+    Wrench,
+    conditioning,
+    entry,
+)
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
@@ -21,6 +29,7 @@ from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
     posture_jacobian,
 )
+from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.ranges import (
     foot_stiffness_matrix,
     ground_of,
@@ -47,6 +56,8 @@ _LEVEL = (0.0, 0.0)
 _DIRECTIONS, _TURNS = 48, 24
 # Cells along each axis of the workspace, and points along an edge of one of its faces.
 _CELLS, _EDGE = 24, 9
+# Share of the steepest ground on which rigid bodies are tried [-].
+_TRIED = 0.97
 # Leans of the arm that are looked at [rad].
 _LEANS = np.radians(np.arange(0.0, 91.0, 5.0))
 
@@ -199,6 +210,16 @@ class PlatformSheet(Sheet[LevellingScenario]):
     def tilt_deg(self) -> float:
         """Largest tilt on level ground at the working height, whatever the direction."""
         return math.degrees(tilt_range(self._geometry, self._azimuths, self._height).min())
+
+    @entry("Ground and tilt", "mm")
+    def clearance_mm(self) -> float:
+        """Smallest distance of the drawn base from ground that it levels."""
+        grounds = ground_of((1.0 - 1e-9) * self._level_ranges, self._azimuths)
+        grounds = np.concatenate([grounds, np.zeros((1, 2))])
+        heights = height_range(self._geometry, _LEVEL, grounds)[:, 0]
+        normals = np.stack(normal_of(*grounds.T), axis=-1)
+        corners = self.scenario.machine.structure.underside
+        return 1e3 * float((heights[:, np.newaxis] + normals @ corners.T).min())
 
     # Workspace.
 
@@ -401,6 +422,21 @@ class PlatformSheet(Sheet[LevellingScenario]):
         posture = (0.0, 0.0, self._height)
         extension = inverse_kinematics(self._geometry, posture, _LEVEL)
         return {"legs.extension": extension, "attitude_estimated": np.zeros(2)}
+
+    def demonstrations(self) -> Iterator[Demonstration]:
+        """Ground almost as steep as it levels, in the direction in which that is least."""
+        place = int(self._level_ranges.argmin())
+        steep = _TRIED * self._level_ranges[place]
+        ground = ground_of(steep, self._azimuths[place])
+        roll, pitch = np.degrees(ground).tolist()
+        settings = {
+            "ground.roll_deg": roll,
+            "ground.pitch_deg": pitch,
+            "job.height_mm": 1e3 * float(np.mean(self._heights(ground))),
+        }
+        yield Demonstration(
+            "level_range_deg", settings, f"on ground of {math.degrees(steep):.3g} deg"
+        )
 
     def dimensions(self) -> Iterator[Dimension]:
         """Distances of feet and hips, and the working height."""

@@ -85,6 +85,21 @@ class Dimension:
 
 
 @dataclass(frozen=True)
+class Demonstration:
+    """A run with rigid bodies that shows an entry.
+
+    Attributes:
+        entry: name of the entry.
+        settings: values of the experiment's scenario by dotted keys.
+        words: description of what is run, such as "on ground of 5 deg".
+    """
+
+    entry: str
+    settings: Mapping[str, Any]
+    words: str
+
+
+@dataclass(frozen=True)
 class Table:
     """A table of a sheet.
 
@@ -164,6 +179,10 @@ class Sheet[S]:
     def signals(self) -> Mapping[str, NDArray[np.float64]]:
         """Signals by which it is drawn; none: those at the beginning of its scenario."""
         return {}
+
+    def demonstrations(self) -> Iterable[Demonstration]:
+        """Runs of its machine's experiment that show entries."""
+        return ()
 
     def dimensions(self) -> Iterable[Dimension]:
         """Dimension lines beside those of length, width and height."""

@@ -62,7 +62,9 @@ class StudyFile:
         lines = [{"metric": m.key} | {name: getattr(m, name) for name in _WORDS} for m in new]
         self._known.update(metric.key for metric in new)
         metrics = [[m.key, float(m.value), m.bound, m.at_least] for m in outcome.metrics]
-        row = {"run": outcome.run, "metrics": metrics, "error": outcome.error}
+        row: dict[str, Any] = {"run": outcome.run, "metrics": metrics, "error": outcome.error}
+        if self._records.sampling.is_searched:
+            row["values"] = self._records.sampling.values(outcome.run)
         self._append(*lines, row)
         if time.monotonic() - self._written > self._pause:
             self.write()
@@ -206,6 +208,8 @@ def _read_journal(
                 Metric(key, value, bound=bound, at_least=at_least, **about[key])
                 for key, value, bound, at_least in item["metrics"]
             ]
+            if "values" in item:
+                records.sampling.take(item["run"], item["values"])
             records.add(Outcome(item["run"], tuple(metrics), item["error"]))
     return complete
 
@@ -299,6 +303,10 @@ def from_table(
         records: takes them.
     """
     runs = table["run"].to_numpy()
+    if records.sampling.is_searched:
+        keys = [variable.key for variable in records.sampling.variables]
+        for run, row in zip(runs.tolist(), table.select(keys).to_pylist(), strict=True):
+            records.sampling.take(run, list(row.values()))
     records.done[runs] = True
     for run, error in zip(runs.tolist(), table["error"].to_pylist(), strict=True):
         if error:

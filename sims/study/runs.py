@@ -6,7 +6,7 @@ import hashlib
 import importlib
 import io
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -127,20 +127,28 @@ def carry_out_run(order: Order, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
         AnotherVersion: the software here is not that of the order.
     """
     run, values = piece
-    shop = _shop(order)
-    try:
+    shop = open_shop(order)
+
+    def work() -> tuple[Metric, ...]:
         scenario = order.scenario(shop.experiment.schema, values)
         result = shop.experiment.execute(scenario, shop.options)
+        return tuple(metric for metric in result.metrics if not metric.is_timing)
+
+    return outcome_of(run, work)
+
+
+def outcome_of(run: int, work: Callable[[], tuple[Metric, ...]]) -> Outcome:
+    """Outcome of a run whose metrics some work gives, or that it refuses or fails at."""
+    try:
+        return Outcome(run, work())
     except ParapodError as error:
         return Outcome(run, error=str(error))
     except Exception as error:  # a solver that does not converge, a plant that blows up
         return Outcome(run, error=printable(f"{type(error).__name__}: {error}"))
-    metrics = tuple(metric for metric in result.metrics if not metric.is_timing)
-    return Outcome(run, metrics)
 
 
 @dataclass(frozen=True)
-class _Shop:
+class Shop:
     """Everything that a worker's thread needs for all runs of an experiment."""
 
     software: Software
@@ -151,8 +159,13 @@ class _Shop:
 _shops = threading.local()
 
 
-def _shop(order: Order) -> _Shop:
-    shop: _Shop | None = getattr(_shops, order.experiment, None)
+def open_shop(order: Order) -> Shop:
+    """The shop of an order's experiment in this thread.
+
+    Raises:
+        AnotherVersion: the software here is not that of the order.
+    """
+    shop: Shop | None = getattr(_shops, order.experiment, None)
     if shop is None:
         try:
             entry = find_entry(order.experiment)
@@ -163,7 +176,7 @@ def _shop(order: Order) -> _Shop:
             ) from None
         load_installed_drivers()
         options = RunOptions(console=Console(file=io.StringIO(), quiet=True), loops=Loops())
-        shop = _Shop(Software.from_entry(entry), entry.load(), options)
+        shop = Shop(Software.from_entry(entry), entry.load(), options)
         # What has been imported stays: the garbage collector need not go through it each run.
         gc.collect()
         gc.freeze()

@@ -84,6 +84,14 @@ class Sampling:
             return tuple(v.values[int(i)] for v, i in zip(self.variables, places, strict=True))
         return tuple(column[run] for column in self._columns)
 
+    def take(self, run: int, values: Sequence[Any]) -> None:
+        """Notes the values of a run that a file has; those of a sampling follow from itself."""
+
+    @property
+    def is_searched(self) -> bool:
+        """Whether values are known of those runs alone that have been asked for."""
+        return self.kind == "search"
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Numbers of values of a grid's variables."""

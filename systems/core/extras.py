@@ -19,6 +19,7 @@ EXTRAS = {
     "nidaqmx": "ni",
     "nidaqmx._stubs": "emulator",
     "pyarrow": "study",
+    "pymoo": "design",
     "pygraphviz": "draw",
     "serial": "serial",
     "plotly": "replay",

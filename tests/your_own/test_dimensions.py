@@ -42,6 +42,14 @@ def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, tmp_pat
         ("machine.base={body: {mass_kg: 20, centre_mm: [0, 2000, 0]}}", "it tips over"),
         ("machine.actuators.stop_min_mm=395", "not within the end stops of machine.actuators"),
         ("machine.legs.l_4_mm=900", "cannot stand level on actuators of 390 to 420 mm"),
+        (
+            "machine.legs={l_3_mm: 60, l_4_mm: 360, alpha_deg: 78}",
+            "the parallelogram of leg 1 is flat at an extension of 420.0 mm",
+        ),
+        (
+            "machine.legs={l_3_mm: 60, l_4_mm: 366, alpha_deg: 79}",
+            "its base touches the ground: in the lowest posture F is 130 mm high",
+        ),
         ("machine.legs.l_4_mm=0.44", "is it in another unit than mm?"),
         (
             "machine.each_leg=[{}, {}, {yaw_deg: 229}, {yaw_deg: 131}]",

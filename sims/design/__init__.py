@@ -1,0 +1,1 @@
+"""Search for designs of a machine: entries of its data sheet, and metrics of experiments."""
