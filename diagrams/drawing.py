@@ -1,6 +1,8 @@
 """Drawings of machines in Meshcat, and pictures by Drake's renderer without a browser."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,8 +71,26 @@ def draw(
     connect(builder, to_geometry.get_output_port(), scene_graph.get_source_pose_port(source_id))
 
 
+_KEEPS_VISUALS = ContextVar("keeps_visuals", default=False)
+
+
+@contextmanager
+def visuals_kept() -> Iterator[None]:
+    """Has diagrams that are built meanwhile keep what `remove_visuals` would remove."""
+    token = _KEEPS_VISUALS.set(True)
+    try:
+        yield
+    finally:
+        _KEEPS_VISUALS.reset(token)
+
+
 def remove_visuals(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Removes what is there to be seen only, so that a step does not compute its pose."""
+    """Removes what is there to be seen only, so that a step does not compute its pose.
+
+    While `visuals_kept` it stays.
+    """
+    if _KEEPS_VISUALS.get():
+        return
     inspector = scene_graph.model_inspector()
     touched = set(inspector.GetAllGeometryIds(Role.kProximity))
     source_id = plant.get_source_id()

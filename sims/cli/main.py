@@ -20,6 +20,7 @@ from parapod.sims.cli import (
     design,
     draw,
     emulate,
+    export,
     home,
     operate,
     plot,
@@ -38,8 +39,7 @@ from parapod.systems.core.errors import ParapodError
 # In the order of help, tour and reference.
 GROUPS: dict[str, dict[str, Any]] = {
     "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
-    "look": {"replay": replay, "plot": plot, "draw": draw, "sheet": sheet},
-    "study": {"design": design, "study": study, "compare": compare, "report": report},
+    "look": {"replay": replay, "plot": plot, "draw": draw, "sheet": sheet, "export": export},
     "real machine": {
         "emulate": emulate,
         "check": check,

@@ -169,6 +169,22 @@ REFUSALS = [
     ("draw workspace --out x.svg", r"the experiment 'workspace' has no closed loop of a machine"),
     ("draw level --out x.xyz", r"cannot write 'x\.xyz': a diagram's suffix must be one of .*"),
     ("draw level --depth 0 --out x.svg", r".*0.*"),
+    (
+        "export workspace --out x.urdf",
+        r"the experiment 'workspace' simulates no bodies; .*level, .*",
+    ),
+    (
+        "export level --out x.obj",
+        r".* 'x\.obj': a machine's suffix must be one of \.urdf, \.sdf, .*",
+    ),
+    ("export level --out x --to sdf", r".* 'x': the suffix of SDFormat must be one of \.sdf"),
+    ("export level --out x.urdf --to sdf", r".* the suffix of SDFormat must be one of \.sdf"),
+    ("export level --to obj --out x.obj", r"argument --to: invalid choice: 'obj'.*"),
+    ("export level --out no/x.urdf", r"cannot write 'no/x\.urdf': the folder 'no' does not exist"),
+    (
+        "export level --backend kinematic --out x.urdf",
+        r"the backend 'kinematic' of the levelling platform simulates no plant of .*",
+    ),
     ("run track-posture --set job.waypoints=[]", r"job\.waypoints is empty: no posture .*"),
     # --- operations
     *(

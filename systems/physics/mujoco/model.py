@@ -14,15 +14,13 @@ from pydrake.systems.framework import Context
 
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.extras import need
+from parapod.systems.physics.description import bodies_of, inertia_of, joints_of
 from parapod.systems.physics.loops import Ball, Coupling
 from parapod.systems.physics.mujoco.translation import (
     WEIGHT,
     Translation,
-    bodies_of,
     body_name,
-    inertia_of,
     joint_name,
-    joints_of,
     principal,
     weld_of,
 )
@@ -84,7 +82,7 @@ class MujocoModel:
         translation.add_sensors(scene_graph, self.feet)
         self.model: Any = translation.spec.compile()
         self.data: Any = self._mujoco.MjData(self.model)
-        self._maps = _StateMaps(self._mujoco, self.model, plant)
+        self._maps = StateMaps(self._mujoco, self.model, plant)
         self._poses = [self.model.body(body_name(b)).id for b in bodies_of(plant)]
         self._anchored = {
             index: self.model.body_mocapid[self._poses[index]]
@@ -188,7 +186,7 @@ class MujocoModel:
 _LOAD = 17  # mass, centre of mass (3), inertia about it (6), position (3) and quaternion (4)
 
 
-class _StateMaps:
+class StateMaps:
     """Positions and velocities of plant and MuJoCo, which order them differently.
 
     A floating body has its quaternion first in Drake and its position first in MuJoCo; its angular

@@ -24,11 +24,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import Box, GeometryId, HalfSpace, Role, SceneGraph, Sphere
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    GeometryId,
+    HalfSpace,
+    Mesh,
+    Role,
+    SceneGraph,
+    Sphere,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
-    BodyIndex,
     Joint,
     JointActuatorIndex,
     PrismaticJoint,
@@ -40,7 +51,8 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context
 
 from parapod.systems.core.errors import WiringError
-from parapod.systems.physics.loops import Ball, Coupling
+from parapod.systems.physics.description import inertia_of, joints_of, pose_at_zero
+from parapod.systems.physics.loops import Ball, Coupling, Weld
 
 # Stiffness of loops and couplings [N/m, N m/rad], with which a leg's loop gapes by .1 um.
 _RIGID = 1e10
@@ -60,6 +72,8 @@ _FRICTION_RATIO = 1e4
 WEIGHT = 0.5
 # Of the iterations [-]. Newton's method has converged after two to four.
 _TOLERANCE, _ITERATIONS = 1e-10, 50
+# Group of geometry that is only seen.
+_SEEN = 2
 # Radius of the site around a body's spheres in which its contacts are felt, by theirs [-].
 _FELT = 1.5
 
@@ -91,11 +105,6 @@ class _Spring:
         return np.array((impedance, impedance, 1.0, 0.5, 1.0))
 
 
-def bodies_of(plant: MultibodyPlant) -> list[RigidBody]:
-    """The bodies of a plant in the order of their indices."""
-    return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
-
-
 def body_name(body: RigidBody) -> str:
     """Name of a body in MuJoCo's model."""
     return "world" if body.index() == 0 else str(body.scoped_name())
@@ -104,17 +113,6 @@ def body_name(body: RigidBody) -> str:
 def joint_name(joint: Joint) -> str:
     """Name of a joint in MuJoCo's model; names are unique within an instance only."""
     return f"{int(joint.model_instance())}::{joint.name()}"
-
-
-def inertia_of(
-    body: RigidBody, plant_context: Context
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2] of a body."""
-    inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
-    mass, centre = inertia.get_mass(), np.asarray(inertia.get_com())
-    about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-    shift = centre @ centre * np.eye(3) - np.outer(centre, centre)
-    return mass, centre, about_origin - mass * shift
 
 
 def principal(inertia: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -132,19 +130,6 @@ def weld_of(plant: MultibodyPlant, body: RigidBody, plant_context: Context) -> R
         if joint.child_body().index() == body.index() and isinstance(joint, WeldJoint):
             return pose_at_zero(joint, plant_context)
     raise WiringError(f"{body.scoped_name()} is welded to nothing")
-
-
-def joints_of(plant: MultibodyPlant) -> list[Joint]:
-    """The joints of a plant, floating ones included."""
-    return [plant.get_joint(i) for i in plant.GetJointIndices()]
-
-
-def pose_at_zero(joint: Joint, plant_context: Context) -> RigidTransform:
-    """X_PB: pose of a joint's child in its parent, with the joint at zero."""
-    X_PF = joint.frame_on_parent().CalcPoseInBodyFrame(plant_context)
-    X_BM = joint.frame_on_child().CalcPoseInBodyFrame(plant_context)
-    X_FM = joint.X_FM() if isinstance(joint, WeldJoint) else RigidTransform()
-    return X_PF.multiply(X_FM).multiply(X_BM.inverse())
 
 
 class Translation:
@@ -249,7 +234,7 @@ class Translation:
         """
         for i in range(self._plant.num_actuators()):
             drive = self._plant.get_joint_actuator(JointActuatorIndex(i))
-            gains = drive.get_controller_gains()
+            servo = drive.get_controller_gains() if drive.has_controller() else None
             self.spec.add_actuator(
                 name=joint_name(drive.joint()),
                 target=joint_name(drive.joint()),
@@ -257,25 +242,38 @@ class Translation:
                 gaintype=self._mujoco.mjtGain.mjGAIN_FIXED,
                 gainprm=_padded(1.0),
                 biastype=self._mujoco.mjtBias.mjBIAS_AFFINE,
-                biasprm=_padded(0.0, -gains.p, -gains.d),
+                biasprm=_padded(0.0, -servo.p, -servo.d) if servo else _padded(0.0),
             )
 
     def add_balls(self, balls: Sequence[Ball]) -> None:
         """Adds the ball joints that close loops."""
         for i, ball in enumerate(balls):
             ends = ((ball.body, ball.point), (ball.other, ball.other_point))
-            for k, (body, point) in enumerate(ends):
-                # By sites, as points of bodies would have to meet in the model's first pose.
-                owner = self.spec.body(body_name(body))
-                owner.add_site(name=f"ball {i} {k}", pos=np.asarray(point))
-            self.spec.add_equality(
-                type=self._mujoco.mjtEq.mjEQ_CONNECT,
-                objtype=self._mujoco.mjtObj.mjOBJ_SITE,
-                name1=f"ball {i} 0",
-                name2=f"ball {i} 1",
-                solref=_Spring(_RIGID).reference,
-                solimp=_Spring(_RIGID).impedance,
-            )
+            poses = [(body, RigidTransform(np.asarray(point))) for body, point in ends]
+            self._add_closure(self._mujoco.mjtEq.mjEQ_CONNECT, f"ball {i}", poses)
+
+    def add_welds(self, welds: Sequence[Weld]) -> None:
+        """Adds the welds that close loops."""
+        for i, weld in enumerate(welds):
+            ends = [(weld.body, weld.frame), (weld.other, weld.other_frame)]
+            self._add_closure(self._mujoco.mjtEq.mjEQ_WELD, f"weld {i}", ends)
+
+    def _add_closure(
+        self, kind: Any, name: str, ends: Sequence[tuple[RigidBody, RigidTransform]]
+    ) -> None:
+        for k, (body, pose) in enumerate(ends):
+            # By sites, as points of bodies would have to meet in the model's first pose.
+            quaternion = pose.rotation().ToQuaternion().wxyz()
+            site = {"name": f"{name} {k}", "pos": pose.translation(), "quat": quaternion}
+            self.spec.body(body_name(body)).add_site(**site)
+        self.spec.add_equality(
+            type=kind,
+            objtype=self._mujoco.mjtObj.mjOBJ_SITE,
+            name1=f"{name} 0",
+            name2=f"{name} 1",
+            solref=_Spring(_RIGID).reference,
+            solimp=_Spring(_RIGID).impedance,
+        )
 
     def add_couplings(self, couplings: Sequence[Coupling]) -> None:
         """Adds the coupled joints."""
@@ -288,7 +286,7 @@ class Translation:
                 solref=_Spring(_RIGID).reference,
                 solimp=_Spring(_RIGID).impedance,
             )
-            equality.data[1] = coupling.ratio
+            equality.data[:2] = coupling.offset, coupling.ratio
 
     def add_contacts(self, scene_graph: SceneGraph) -> None:
         """Adds the pairs of geometry that may touch in Drake, and no others."""
@@ -306,30 +304,69 @@ class Translation:
             if not (is_anchored.get(one, True) and is_anchored.get(other, True)):
                 self._add_pair(inspector, one, other)
 
+    def add_visuals(self, scene_graph: SceneGraph) -> None:
+        """Adds geometry that is only seen; MuJoCo reads meshes from .obj and .stl alone."""
+        inspector = scene_graph.model_inspector()
+        for geometry in sorted(inspector.GetAllGeometryIds(Role.kIllustration), key=_number):
+            body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+            if body is None or inspector.GetProximityProperties(geometry) is not None:
+                continue
+            properties: Any = inspector.GetIllustrationProperties(geometry)
+            self._add_geometry(body, geometry, inspector)
+            geom = self.spec.geom(_geometry_name(geometry))
+            geom.group = _SEEN
+            if properties.HasProperty("phong", "diffuse"):
+                geom.rgba = properties.GetProperty("phong", "diffuse").rgba
+
     def _add_geometry(self, body: RigidBody, geometry: GeometryId, inspector: Any) -> None:
-        shape, kinds = inspector.GetShape(geometry), self._mujoco.mjtGeom
-        if isinstance(shape, HalfSpace):
-            kind, size = kinds.mjGEOM_PLANE, [0.0, 0.0, 1.0]
-        elif isinstance(shape, Sphere):
-            kind, size = kinds.mjGEOM_SPHERE, [shape.radius(), 0.0, 0.0]
-        elif isinstance(shape, Box):
-            kind, size = kinds.mjGEOM_BOX, list(0.5 * shape.size())
-        else:
-            raise WiringError(f"{inspector.GetName(geometry)} has a shape that is not translated")
         X_BG = inspector.GetPoseInFrame(geometry)
         self.spec.body(body_name(body)).add_geom(
             name=_geometry_name(geometry),
-            type=kind,
-            size=size,
             pos=X_BG.translation(),
             quat=X_BG.rotation().ToQuaternion().wxyz(),
             contype=0,
             conaffinity=0,
+            **self._form(inspector.GetShape(geometry), inspector.GetName(geometry)),
         )
+
+    def _form(self, shape: Any, name: str) -> dict[str, Any]:
+        """Type, size and mesh of a shape."""
+        kinds = self._mujoco.mjtGeom
+        if isinstance(shape, HalfSpace):
+            return {"type": kinds.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0]}
+        if isinstance(shape, Sphere):
+            return {"type": kinds.mjGEOM_SPHERE, "size": [shape.radius(), 0.0, 0.0]}
+        if isinstance(shape, Box):
+            return {"type": kinds.mjGEOM_BOX, "size": list(0.5 * shape.size())}
+        if isinstance(shape, Cylinder | Capsule):
+            is_capsule = isinstance(shape, Capsule)
+            kind = kinds.mjGEOM_CAPSULE if is_capsule else kinds.mjGEOM_CYLINDER
+            return {"type": kind, "size": [shape.radius(), 0.5 * shape.length(), 0.0]}
+        if isinstance(shape, Ellipsoid):
+            return {"type": kinds.mjGEOM_ELLIPSOID, "size": [shape.a(), shape.b(), shape.c()]}
+        if isinstance(shape, Mesh | Convex) and shape.extension() in (".obj", ".stl"):
+            source, scale = str(shape.source().path()), shape.scale3()
+            meshes = [m for m in self.spec.meshes if m.file == source and (m.scale == scale).all()]
+            mesh = (
+                meshes[0]
+                if meshes
+                else self.spec.add_mesh(
+                    name=f"mesh {len(self.spec.meshes)}",
+                    file=source,
+                    scale=scale,
+                    inertia=self._mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # also of open ones
+                )
+            )
+            return {"type": kinds.mjGEOM_MESH, "meshname": mesh.name}
+        raise WiringError(f"{name} has a shape that is not translated")
 
     def _add_pair(self, inspector: Any, one: GeometryId, other: GeometryId) -> None:
         """Adds a pair, with the properties that Drake combines from those of both."""
         both = [inspector.GetProximityProperties(geometry) for geometry in (one, other)]
+        for geometry, of in zip((one, other), both, strict=True):
+            if not of.HasProperty("material", "point_contact_stiffness"):
+                name = inspector.GetName(geometry)
+                raise WiringError(f"{name} collides, but has no drake:point_contact_stiffness")
         frictions = [of.GetProperty("material", "coulomb_friction") for of in both]
         springs = [of.GetProperty("material", "point_contact_stiffness") for of in both]
         friction = _harmonic(*(of.static_friction() for of in frictions))

@@ -1,0 +1,147 @@
+"""Files that describe a machine to other programs: URDF, SDFormat and MJCF, and their meshes."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydrake.geometry import HalfSpace, Role
+
+from parapod.sims.output.atomic import atomic_output, check_folder, check_writable
+from parapod.systems.core.errors import OutputError, ParapodError, WiringError
+from parapod.systems.core.quoting import quoted_path
+from parapod.systems.physics.description import Description
+from parapod.systems.physics.model_files import sdf, urdf
+from parapod.systems.physics.mujoco.file import mjcf
+
+FORMATS = {"urdf": urdf, "sdf": sdf, "mjcf": mjcf}
+_SUFFIXES = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf", ".xml": "mjcf"}
+# Names of files in a mesh.
+_REFERENCE = re.compile(r"[^\s\"']+\.(?:mtl|png|jpe?g|bin|ktx2)")
+_TITLES = {"urdf": "URDF", "sdf": "SDFormat", "mjcf": "MJCF"}
+
+
+def format_of(path: Path, required: str | None) -> str:
+    """Format of a file.
+
+    Args:
+        path: the file; its suffix says the format.
+        required: format that it must be; None for any.
+
+    Raises:
+        OutputError: a suffix of another format, or of none.
+    """
+    form = _SUFFIXES.get(path.suffix.lower())
+    if form is None or required not in (None, form):
+        fit = [suffix for suffix, each in _SUFFIXES.items() if required in (None, each)]
+        what = "a machine's suffix" if required is None else f"the suffix of {_TITLES[required]}"
+        words = f"cannot write {quoted_path(path)}: {what} must be one of {', '.join(fit)}"
+        raise OutputError(words, path)
+    return form
+
+
+def write_model(path: Path, form: str, tree: Description) -> list[Path]:
+    """Writes a machine, and its meshes into a folder beside it.
+
+    Args:
+        path: the file.
+        form: a key of `FORMATS`.
+        tree: the machine, described.
+
+    Returns:
+        All files; the machine is in the last one.
+
+    Raises:
+        OutputError: a file that cannot be written.
+        ParapodError: a machine that the format cannot hold, or MuJoCo is missing for MJCF.
+    """
+    folder, meshes = path.with_name(f"{path.stem}_meshes"), dict[Path, str]()
+
+    def mesh(source: Path) -> str:
+        if source not in meshes:
+            clash = any(Path(name).name == source.name for name in meshes.values())
+            name = f"{len(meshes)}_{source.name}" if clash else source.name
+            meshes[source] = f"{folder.name}/{name}"
+        return meshes[source]
+
+    try:
+        text = FORMATS[form](tree, mesh, notes(tree, form))
+    except WiringError as error:
+        raise ParapodError(f"cannot write {_TITLES[form]}: {error}") from None
+    check_writable(path)
+    files = {
+        path.with_name(folder.name) / Path(name).name: source for source, name in meshes.items()
+    }
+    for target, source in list(files.items()):
+        files |= {target.with_name(other.name): other for other in _companions(source)}
+    if files:
+        check_folder(folder)
+        folder.mkdir(exist_ok=True)
+    for target, source in files.items():
+        with atomic_output(target) as temporary:
+            temporary.write_bytes(source.read_bytes())
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return [*files, path]
+
+
+def _companions(source: Path) -> Iterator[Path]:
+    """Files that a mesh refers to: materials and pictures in the same folder."""
+    if source.suffix.lower() not in (".obj", ".mtl", ".gltf"):
+        return
+    for name in set(
+        re.findall(r"[^\s\"']+\.(?:mtl|png|jpe?g|bin|ktx2)", source.read_text("utf-8"))
+    ):
+        other = source.with_name(name)
+        if other.is_file() and other != source:
+            yield other
+            yield from _companions(other)
+
+
+def notes(tree: Description, form: str) -> list[str]:
+    """Lines about parts that a file does not hold, or holds in another way.
+
+    Args:
+        tree: the machine, described.
+        form: a key of `FORMATS`.
+    """
+    title, lines = _TITLES[form], []
+    balls = [closure for closure in tree.closures if closure.kind == "ball"]
+    if form != "mjcf" and balls:
+        lines.append(
+            f"{len(balls)} ball joints close loops, as drake:ball_constraint, which Drake alone "
+            f"reads; elsewhere close {_and_so_on([str(ball) for ball in balls])}"
+        )
+    if form != "mjcf":
+        welds = (closure for closure in tree.closures if closure.kind == "weld")
+        lines += (f"not in {title}: the weld of {weld}" for weld in welds)
+        forces = tree.plant.num_force_elements() - 1
+        if forces:
+            lines.append(f"not in {title}: {forces} springs or bushings")
+    if tree.constraints.others:
+        lines.append(f"not in {title}: {tree.constraints.others} distances or tendons")
+    if locked := [
+        name
+        for name, joint in zip(tree.joint_names, tree.joints, strict=True)
+        if joint.num_velocities() and joint.is_locked(tree.context)
+    ]:
+        lines.append(f"not in {title}: the locks of {', '.join(locked)}")
+    pairs = zip(tree.bodies, tree.links, strict=True)
+    belts = [link for body, link in pairs if tree.belt(body) is not None]
+    if belts:
+        lines.append(f"not in {title}: the speed of the belt on {', '.join(belts)}")
+    shapes = (one.shape for b in tree.bodies for one in tree.shapes(b, Role.kProximity))
+    if form == "urdf" and any(isinstance(shape, HalfSpace) for shape in shapes):
+        lines.append("the ground is a box: URDF has no half space")
+    if tree.actuators:
+        is_mjcf = form == "mjcf"
+        servos = "actuators with positions as controls" if is_mjcf else "drake:controller_gains"
+        others = "limits of their effort, models" if is_mjcf else "models"
+        lines.append(
+            f"drives are the stiffness and damping of servos, as {servos}; {others} of motors, "
+            f"sensors and control are not in {title}"
+        )
+    return lines
+
+
+def _and_so_on(texts: list[str]) -> str:
+    return texts[0] if len(texts) == 1 else f"{texts[0]}, and so on to {texts[-1]}"

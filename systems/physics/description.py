@@ -1,0 +1,285 @@
+"""A plant as files describe machines: one tree of links, with names that no other thing has."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Rgba, Role, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    FrameIndex,
+    Joint,
+    JointActuator,
+    PrismaticJoint,
+    QuaternionFloatingJoint,
+    RevoluteJoint,
+    RigidBody,
+    WeldJoint,
+)
+from pydrake.systems.framework import Context
+
+from parapod.systems.core.errors import WiringError
+from parapod.systems.physics.loops import Coupling, find_constraints
+
+KINDS: dict[type, str] = {
+    RevoluteJoint: "revolute",
+    PrismaticJoint: "prismatic",
+    WeldJoint: "fixed",
+    QuaternionFloatingJoint: "floating",
+}
+_CONTACT = ("point_contact_stiffness", "hunt_crossley_dissipation", "relaxation_time")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape of a link.
+
+    Attributes:
+        name: its name, unique among those of its role on the link.
+        pose: pose in the frame of the link.
+        shape: Drake's shape.
+        colour: colour of a shape to be seen; None: none is known.
+        contact: properties of a shape that collides, by their names in Drake's tags.
+    """
+
+    name: str
+    pose: RigidTransform
+    shape: Any
+    colour: Rgba | None = None
+    contact: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Two frames that a constraint holds together.
+
+    Attributes:
+        kind: "ball" for their origins, "weld" for both as a whole.
+        names: names of the frames.
+        links: names of their links.
+        poses: their poses in the frames of the links.
+    """
+
+    kind: str
+    names: tuple[str, str]
+    links: tuple[str, str]
+    poses: tuple[RigidTransform, RigidTransform]
+
+    def __str__(self) -> str:
+        ends = []
+        for name, link, pose in zip(self.names, self.links, self.poses, strict=True):
+            x, y, z = pose.translation().round(9) + 0.0
+            ends.append(f"{name} at ({x:.6g}, {y:.6g}, {z:.6g}) m on {link}")
+        return " and ".join(ends)
+
+
+class Description:
+    """A plant with names for all that a file holds.
+
+    Attributes:
+        plant: the plant.
+        context: context in which the machine stands.
+        scene_graph: holds the geometry of the plant.
+        name: name of the model in the file.
+        bodies: its bodies, of which the first is the world.
+        joints: its joints.
+        links: name of each body's link.
+        joint_names: name of each joint.
+        frames: further frames: name, link and pose in the frame of that.
+        closures: constraints that close loops.
+        constraints: all constraints, as `find_constraints` returns them.
+        actuators: actuator of each joint that has one, by the joint's name.
+        couplings: coupling of each joint that follows another one, by the joint's name.
+    """
+
+    def __init__(
+        self, plant: MultibodyPlant, context: Context, scene_graph: SceneGraph, name: str
+    ):
+        """Names what a plant has.
+
+        Args:
+            plant: finalized, registered with `scene_graph`.
+            context: context in which the machine stands; its parameters are used_names.
+            scene_graph: holds the geometry of the plant.
+            name: name of the model in the file.
+
+        Raises:
+            WiringError: joints of a kind, or a body on two joints, that files do not know.
+        """
+        self.plant, self.context, self.scene_graph, self.name = plant, context, scene_graph, name
+        self.bodies, self.joints = bodies_of(plant), joints_of(plant)
+        for joint in self.joints:
+            if type(joint) not in KINDS:
+                raise WiringError(f"{joint.name()} is a joint of a kind that files do not know")
+        if len({int(joint.child_body().index()) for joint in self.joints}) < len(self.joints):
+            raise WiringError("a body hangs on two joints, which files do not know")
+        used_names = {"world"}
+        self.links = ["world", *self._unique(self.bodies[1:], "link", used_names)]
+        self.joint_names = self._unique(self.joints, "joint", used_names)
+        automatic = {f"{joint.name()}_parent" for joint in self.joints}
+        frames = [
+            frame
+            for frame in map(plant.get_frame, map(FrameIndex, range(plant.num_frames())))
+            if not (frame.is_body_frame() or frame.is_ephemeral() or frame.name() in automatic)
+        ]
+        names = self._unique(frames, "frame", used_names)
+        self.frames = [
+            (name, self.link(frame.body()), frame.CalcPoseInBodyFrame(context))
+            for name, frame in zip(names, frames, strict=True)
+        ]
+        self.constraints = find_constraints(plant)
+        ends: list[tuple[str, RigidBody, Any, RigidBody, Any]] = [
+            ("ball", ball.body, ball.point, ball.other, ball.other_point)
+            for ball in self.constraints.balls
+        ]
+        ends += [
+            ("weld", weld.body, weld.frame, weld.other, weld.other_frame)
+            for weld in self.constraints.welds
+        ]
+        self.closures = [
+            Closure(
+                kind,
+                (f"loop_{i}_a", f"loop_{i}_b"),
+                (self.link(one), self.link(other)),
+                (RigidTransform(of_one), RigidTransform(of_other)),
+            )
+            for i, (kind, one, of_one, other, of_other) in enumerate(ends, start=1)
+        ]
+        indices = plant.GetJointActuatorIndices()
+        self.actuators: dict[str, JointActuator] = {
+            self.joint_name(actuator.joint()): actuator
+            for actuator in map(plant.get_joint_actuator, indices)
+        }
+        self.couplings: dict[str, Coupling] = {
+            self.joint_name(coupling.joint): coupling for coupling in self.constraints.couplings
+        }
+
+    @staticmethod
+    def _unique(parts: Sequence[Any], kind: str, used_names: set[str]) -> list[str]:
+        """Names of parts; with their instances where another one has the same, and numbers."""
+        counts, names = Counter(part.name() for part in parts), []
+        for part in parts:
+            name, instance = part.name(), part.GetParentPlant().GetModelInstanceName
+            if counts[name] > 1 or name in used_names:
+                name = f"{instance(part.model_instance())}_{name}"
+            tries = (name, f"{name}_{kind}", *(f"{name}_{i}" for i in range(2, len(parts) + 3)))
+            names.append(next(each for each in tries if each not in used_names))
+            used_names.add(names[-1])
+        return names
+
+    def link(self, body: RigidBody) -> str:
+        """Name of a body's link."""
+        return self.links[int(body.index())]
+
+    def joint_name(self, joint: Joint) -> str:
+        """Name of a joint."""
+        return next(
+            name
+            for name, one in zip(self.joint_names, self.joints, strict=True)
+            if one.index() == joint.index()
+        )
+
+    def inertia(self, body: RigidBody) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2]."""
+        if body.get_mass(self.context) == 0.0:
+            return 0.0, np.zeros(3), np.zeros((3, 3))
+        return inertia_of(body, self.context)
+
+    def home(self, joint: Joint) -> RigidTransform:
+        """Pose of a joint's child in the frame of its parent, with the joint at zero."""
+        return pose_at_zero(joint, self.context)
+
+    def axis(self, joint: Any) -> NDArray[np.float64]:
+        """Axis (3) of a joint in the frame of its child."""
+        R_BM = joint.frame_on_child().CalcPoseInBodyFrame(self.context).rotation().matrix()
+        turns = isinstance(joint, RevoluteJoint)
+        axis = joint.revolute_axis() if turns else joint.translation_axis()
+        return np.asarray(R_BM @ axis)
+
+    def belt(self, body: RigidBody) -> NDArray[np.float64] | None:
+        """Axis (3), in a body's frame, about which its surface turns as a belt; None: it rests."""
+        return self.plant.GetSurfaceVelocityAxis(body)
+
+    def homes(self) -> list[RigidTransform]:
+        """Poses of the bodies with all joints at zero, and what floats where it stands."""
+        q, context = self.plant.GetPositions(self.context), self.plant.CreateDefaultContext()
+        context.SetTimeStateAndParametersFrom(self.context)
+        for joint in self.joints:
+            if joint.num_positions() == 1:
+                q[joint.position_start()] = 0.0
+        self.plant.SetPositions(context, q)
+        return [self.plant.EvalBodyPoseInWorld(context, body) for body in self.bodies]
+
+    def standing(self) -> dict[str, float]:
+        """Positions in which the machine stands, by the names of its joints [m, rad]."""
+        return {
+            name: float(joint.GetOnePosition(self.context))
+            for name, joint in zip(self.joint_names, self.joints, strict=True)
+            if joint.num_positions() == 1
+        }
+
+    def shapes(self, body: RigidBody, role: Role) -> Iterator[Shape]:
+        """Shapes of a body that are seen (`Role.kIllustration`) or collide (`kProximity`)."""
+        inspector, used_names = self.scene_graph.model_inspector(), Counter[str]()
+        frame = self.plant.GetBodyFrameIdOrThrow(body.index())
+        for geometry in sorted(inspector.GetGeometries(frame, role), key=lambda g: g.get_value()):
+            name = inspector.GetName(geometry).rpartition("::")[2].replace(" ", "_")
+            used_names[name] += 1
+            name = f"{name}_{used_names[name]}" if used_names[name] > 1 else name
+            colour, contact = None, {}
+            properties: Any = inspector.GetIllustrationProperties(geometry)
+            if role == Role.kProximity:
+                properties = inspector.GetProximityProperties(geometry)
+                contact = _contact(properties)
+            elif properties.HasProperty("phong", "diffuse"):
+                colour = properties.GetProperty("phong", "diffuse")
+            pose = inspector.GetPoseInFrame(geometry)
+            yield Shape(name, pose, inspector.GetShape(geometry), colour, contact)
+
+
+def _contact(properties: Any) -> dict[str, str]:
+    """Properties of a contact, by their names in Drake's tags."""
+
+    def read(name: str) -> Any:
+        has = properties.HasProperty("material", name)
+        return properties.GetProperty("material", name) if has else None
+
+    contact = {name: read(name) for name in _CONTACT}
+    if friction := read("coulomb_friction"):
+        contact["mu_dynamic"] = friction.dynamic_friction()
+        contact["mu_static"] = friction.static_friction()
+    return {name: repr(float(value)) for name, value in contact.items() if value is not None}
+
+
+def bodies_of(plant: MultibodyPlant) -> list[RigidBody]:
+    """The bodies of a plant in the order of their indices."""
+    return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+
+
+def joints_of(plant: MultibodyPlant) -> list[Joint]:
+    """The joints of a plant, floating ones included."""
+    return [plant.get_joint(i) for i in plant.GetJointIndices()]
+
+
+def inertia_of(
+    body: RigidBody, plant_context: Context
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2] of a body."""
+    inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
+    mass, centre = inertia.get_mass(), np.asarray(inertia.get_com())
+    about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+    shift = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    return mass, centre, about_origin - mass * shift
+
+
+def pose_at_zero(joint: Joint, plant_context: Context) -> RigidTransform:
+    """X_PB: pose of a joint's child in its parent, with the joint at zero."""
+    X_PF = joint.frame_on_parent().CalcPoseInBodyFrame(plant_context)
+    X_BM = joint.frame_on_child().CalcPoseInBodyFrame(plant_context)
+    X_FM = joint.X_FM() if isinstance(joint, WeldJoint) else RigidTransform()
+    return X_PF.multiply(X_FM).multiply(X_BM.inverse())

@@ -1,0 +1,151 @@
+"""MJCF of a described plant: its translation, as stiff in a file as in a program."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from xml.etree.ElementTree import Comment, Element, fromstring, indent, tostring
+
+import numpy as np
+
+from parapod.systems.core.errors import WiringError
+from parapod.systems.core.extras import need
+from parapod.systems.physics.description import Description
+from parapod.systems.physics.mujoco.model import StateMaps
+from parapod.systems.physics.mujoco.translation import WEIGHT, Translation, body_name, joint_name
+
+# Impedances that MuJoCo takes, and the group of geometry that it does not draw.
+_IMPEDANCES, _HIDDEN = (1e-4, 0.9999), 3
+# Attributes of the file that have other names in a specification.
+_ATTRIBUTES = {"solreflimit": "solref_limit", "solimplimit": "solimp_limit"}
+_INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
+# Error of a number that MuJoCo has written with six digits [-].
+_ROUNDED = 1e-5
+
+
+def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -> str:
+    """A machine as MJCF, with the key frame `standing`.
+
+    Args:
+        tree: the machine, described.
+        mesh: name of a mesh in the file, by its path.
+        notes: lines of the comment at its beginning.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+        WiringError: a part of the machine that cannot be translated.
+    """
+    mujoco, plant, constraints = need("mujoco"), tree.plant, tree.constraints
+    translation = Translation(mujoco, plant, tree.context)
+    translation.add_bodies()
+    translation.add_drives()
+    translation.add_balls(constraints.balls)
+    translation.add_welds(constraints.welds)
+    translation.add_couplings(constraints.couplings)
+    translation.add_contacts(tree.scene_graph)
+    translation.add_visuals(tree.scene_graph)
+    spec: Any = translation.spec
+    spec.modelname = tree.name
+    for body in spec.bodies:
+        body.mocap = False
+    for geom in spec.geoms:
+        geom.group = geom.group or _HIDDEN
+    for servo in spec.actuators:
+        if servo.biasprm[1]:
+            servo.gainprm[0] = -servo.biasprm[1]  # its control is a position
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise WiringError(f"MuJoCo refuses the model: {' '.join(str(error).split())}") from None
+    _weigh(mujoco, spec, model)
+    _stand(mujoco, spec, model, tree)
+    spec.compile()
+    root = fromstring(spec.to_xml())
+    _refine(root, spec)
+    names = {body_name(b): n for b, n in zip(tree.bodies, tree.links, strict=True)}
+    names |= {joint_name(j): n for j, n in zip(tree.joints, tree.joint_names, strict=True)}
+    for element in root.iter():
+        if element.get("limited") == "false":
+            del element.attrib["solreflimit"], element.attrib["solimplimit"]
+        for key, value in element.attrib.items():
+            element.set(key, mesh(Path(value)) if key == "file" else names.get(value, value))
+    for i, note in enumerate(notes):
+        root.insert(i, Comment(f" {note.replace('--', '- -')} "))
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"
+
+
+def _weigh(mujoco: ModuleType, spec: Any, model: Any) -> None:
+    """Keeps the stiffness of constraints, for weights that MuJoCo computes when it loads the file.
+
+    The translation counts on `WEIGHT` for all.
+    """
+    bodies, dofs = model.body_invweight0[:, 0], model.dof_invweight0
+
+    def fit(reference: Any, impedance: Any, weight: float) -> None:
+        inertia = (1.0 - impedance[0]) / impedance[0] * 2.0 * WEIGHT
+        other = np.clip(weight / (weight + inertia), *_IMPEDANCES)
+        reference *= (1.0 - other) * weight / ((1.0 - impedance[0]) * 2.0 * WEIGHT)
+        impedance[:2] = other
+
+    for pair in spec.pairs:
+        touching = [model.geom(name).bodyid[0] for name in (pair.geomname1, pair.geomname2)]
+        before = pair.solimp.copy()
+        fit(pair.solref, pair.solimp, bodies[touching].sum())
+        fit(pair.solreffriction, before, bodies[touching].sum())
+    for equality in spec.equalities:
+        ends = equality.name1, equality.name2
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT:
+            weight = sum(dofs[model.joint(name).dofadr[0]] for name in ends)
+        else:
+            weight = sum(bodies[model.site(name).bodyid[0]] for name in ends)
+        fit(equality.solref, equality.solimp, weight)
+    for joint in spec.joints:
+        if joint.type != mujoco.mjtJoint.mjJNT_FREE:
+            weight = dofs[model.joint(joint.name).dofadr[0]]
+            fit(joint.solref_limit, joint.solimp_limit, weight)
+
+
+def _stand(mujoco: ModuleType, spec: Any, model: Any, tree: Description) -> None:
+    """Adds the key frame in which the machine stands, its drives where they are."""
+    q, v = (of(tree.context) for of in (tree.plant.GetPositions, tree.plant.GetVelocities))
+    qpos, qvel = StateMaps(mujoco, model, tree.plant).to_mujoco(q, v)
+    joints = (model.joint(servo.target) for servo in spec.actuators)
+    control = [
+        qpos[joint.qposadr[0]] if servo.biasprm[1] else 0.0
+        for servo, joint in zip(spec.actuators, joints, strict=True)
+    ]
+    spec.add_key(name="standing", qpos=qpos, qvel=qvel, ctrl=control)
+
+
+def _refine(root: Element, spec: Any) -> None:
+    """Gives numbers all their digits, of which MuJoCo writes six."""
+    parts: list[tuple[Element, Any]] = [(e, spec.option) for e in root.findall("option")]
+    for tag in ("body", "joint", "geom", "site", "mesh", "key"):
+        named = (element for element in root.iter(tag) if element.get("name"))
+        parts += [(element, getattr(spec, tag)(element.get("name"))) for element in named]
+    for path, every in (
+        ("contact/pair", spec.pairs),
+        ("equality/*", spec.equalities),
+        ("actuator/*", spec.actuators),
+    ):
+        parts += zip(root.findall(path), every, strict=True)
+    for element, part in parts:
+        _refine_element(element, part, _ATTRIBUTES)
+        if (inertial := element.find("inertial")) is not None:
+            _refine_element(inertial, part, _INERTIAL)
+
+
+def _refine_element(element: Element, part: Any, names: dict[str, str]) -> None:
+    for key, text in element.attrib.items():
+        exact = getattr(part, names.get(key, key), None)
+        try:
+            rounded = np.array(text.split(), dtype=float)
+            numbers = np.array(exact, dtype=float).ravel()[: len(rounded)]
+        except (TypeError, ValueError):
+            continue
+        is_same = len(numbers) == len(rounded) and np.allclose(
+            numbers, rounded, _ROUNDED, _ROUNDED
+        )
+        if is_same and (numbers != rounded).any():
+            element.set(key, " ".join(repr(number) for number in numbers.tolist()))
