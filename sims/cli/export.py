@@ -67,15 +67,16 @@ def execute(arguments: argparse.Namespace) -> int:
     name = loop.machine.name
     tree = Description(bodies.plant, bodies.context, bodies.scene_graph, name)
     files = write_model(arguments.out, form, tree)
-    mass = bodies.plant.CalcTotalMass(bodies.context)
-    moving = sum(joint.num_velocities() == 1 for joint in tree.joints)
     for note in notes(tree, form):
         print(note)
     for path in files[:-1]:
         print(f"wrote {path}")
+    plant, context = bodies.plant, bodies.context
+    mass = sum(body.get_mass(context) for body in tree.bodies[1:] if not plant.IsAnchored(body))
+    count = sum(joint.num_velocities() == 1 for joint in tree.joints)
     print(
-        f"wrote {files[-1]}: {len(tree.links) - 1} links of {mass:.6g} kg, {moving} hinges and "
-        f"slides, {len(tree.closures)} loops"
+        f"wrote {files[-1]}: {len(tree.links) - 1} links, {mass:.6g} kg of which can move, "
+        f"{count} hinges and slides, {len(tree.closures)} loops"
     )
     return HELD
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from pydrake.geometry import HalfSpace, Role
+from pydrake.geometry import Ellipsoid, HalfSpace, Role
 
 from parapod.sims.output.atomic import atomic_output, check_folder, check_writable
 from parapod.systems.core.errors import OutputError, ParapodError, WiringError
@@ -129,9 +129,17 @@ def notes(tree: Description, form: str) -> list[str]:
     belts = [link for body, link in pairs if tree.belt(body) is not None]
     if belts:
         lines.append(f"not in {title}: the speed of the belt on {', '.join(belts)}")
-    shapes = (one.shape for b in tree.bodies for one in tree.shapes(b, Role.kProximity))
-    if form == "urdf" and any(isinstance(shape, HalfSpace) for shape in shapes):
-        lines.append("the ground is a box: URDF has no half space")
+    if form == "urdf":
+        shapes = {
+            type(each.shape)
+            for body in tree.bodies
+            for role in (Role.kIllustration, Role.kProximity)
+            for each in tree.shapes(body, role)
+        }
+        if HalfSpace in shapes:
+            lines.append("the ground is a box: URDF has no half space")
+        if Ellipsoid in shapes:
+            lines.append("ellipsoids are seen as balls: URDF has none")
     if tree.actuators:
         is_mjcf = form == "mjcf"
         servos = "actuators with positions as controls" if is_mjcf else "drake:controller_gains"

@@ -32,6 +32,8 @@ KINDS: dict[type, str] = {
     WeldJoint: "fixed",
     QuaternionFloatingJoint: "floating",
 }
+# Share by which the moments of inertia of a flat body or a rod are larger than they must be [-].
+_FLAT = 1e-12
 _CONTACT = ("point_contact_stiffness", "hunt_crossley_dissipation", "relaxation_time")
 
 
@@ -188,7 +190,11 @@ class Description:
         """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2]."""
         if body.get_mass(self.context) == 0.0:
             return 0.0, np.zeros(3), np.zeros((3, 3))
-        return inertia_of(body, self.context)
+        mass, centre, inertia = inertia_of(body, self.context)
+        least, middle, most = np.linalg.eigvalsh(inertia)
+        if least + middle < (1.0 + _FLAT) * most:  # which rounding lets other programs refuse
+            inertia += _FLAT * most * np.eye(3)
+        return mass, centre, inertia
 
     def home(self, joint: Joint) -> RigidTransform:
         """Pose of a joint's child in the frame of its parent, with the joint at zero."""

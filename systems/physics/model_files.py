@@ -5,7 +5,8 @@ side lets other programs close them.
 """
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
@@ -109,11 +110,13 @@ class _Writer:
         if isinstance(form, Sphere):
             return "sphere", {"radius": _text(form.radius())}
         if isinstance(form, Cylinder | Capsule):
-            tag = "cylinder" if isinstance(form, Cylinder) else "drake:capsule"
+            tag = "cylinder" if isinstance(form, Cylinder) else "capsule"
             return tag, {"radius": _text(form.radius()), "length": _text(form.length())}
         if isinstance(form, Ellipsoid):
-            axes = {"a": form.a(), "b": form.b(), "c": form.c()}
-            return "drake:ellipsoid", {name: _text(axis) for name, axis in axes.items()}
+            a, b, c = form.a(), form.b(), form.c()
+            if self._is_nested:
+                return "ellipsoid", {"radii": _text((a, b, c))}
+            return "drake:ellipsoid", {"a": _text(a), "b": _text(b), "c": _text(c)}
         if isinstance(form, HalfSpace):
             if self._is_nested:
                 return "plane", {"normal": "0 0 1", "size": _text((_GROUND, _GROUND))}
@@ -193,7 +196,7 @@ def urdf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
         if name != "world":
             _urdf_inertia(writer, link, *tree.inertia(body))
         for tag, role in _ROLES.items():
-            for shape in tree.shapes(body, role):
+            for shape in _known(tree.shapes(body, role), tag):
                 element, X_BG = SubElement(link, tag, name=shape.name), shape.pose
                 if isinstance(shape.shape, HalfSpace):
                     X_BG = X_BG.multiply(RigidTransform(np.array((0.0, 0.0, -0.5 * _GROUND))))
@@ -217,6 +220,22 @@ def urdf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
         SubElement(root, "frame", {"name": frame, "link": on} | _origin(pose))
     writer.balls(root)
     return writer.text()
+
+
+def _known(shapes: Iterable[Shape], tag: str) -> Iterator[Shape]:
+    """Shapes to be seen that all readers of URDF know, in the place of capsules and ellipsoids."""
+    for shape in shapes:
+        form = shape.shape
+        if tag == "visual" and isinstance(form, Capsule):
+            yield replace(shape, shape=Cylinder(form.radius(), form.length()))
+            for name, end in (("top", 0.5 * form.length()), ("bottom", -0.5 * form.length())):
+                pose = shape.pose.multiply(RigidTransform(np.array((0.0, 0.0, end))))
+                ball = Sphere(form.radius())
+                yield replace(shape, name=f"{shape.name}_{name}", pose=pose, shape=ball)
+        elif tag == "visual" and isinstance(form, Ellipsoid):
+            yield replace(shape, shape=Sphere(float(np.cbrt(form.a() * form.b() * form.c()))))
+        else:
+            yield shape
 
 
 def _urdf_inertia(writer: _Writer, link: Element, mass: float, centre: Any, inertia: Any) -> None:

@@ -3,12 +3,24 @@
 Proved for every machine that is installed and has bodies, and for some that are not the papers'.
 """
 
+import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Cylinder, HalfSpace, Mesh, Role, Sphere
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    Mesh,
+    Role,
+    Sphere,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.inverse_kinematics import AddMultibodyPlantConstraints
 from pydrake.multibody.parsing import Parser
@@ -21,6 +33,7 @@ from pydrake.multibody.tree import (
     QuaternionFloatingJoint,
     RevoluteJoint,
     SpatialInertia,
+    UnitInertia,
     WeldJoint,
 )
 from pydrake.solvers import MathematicalProgram
@@ -82,7 +95,7 @@ class Loaded:
     """A written file as Drake loads it, in the pose in which the machine stands."""
 
     def __init__(self, machine, path):
-        self.machine = machine
+        self.machine, self.form = machine, path.suffix
         self.builder = DiagramBuilder()
         plant, self.scene_graph = AddMultibodyPlantSceneGraph(self.builder, 1e-3)
         (self.instance,) = Parser(plant).AddModels(path)
@@ -250,13 +263,34 @@ def test_loops_close_in_the_same_places(again):
 def sizes(shape):
     if isinstance(shape, Box):
         return tuple(shape.size())
-    if isinstance(shape, Cylinder):
+    if isinstance(shape, Ellipsoid):
+        return shape.a(), shape.b(), shape.c()
+    if isinstance(shape, Cylinder | Capsule):
         return shape.radius(), shape.length()
     if isinstance(shape, Sphere):
         return (shape.radius(),)
-    if isinstance(shape, Mesh):
+    if isinstance(shape, Mesh | Convex):
         return tuple(shape.scale3())
     return ()
+
+
+def parts_of(shape):
+    """Shapes to be seen as URDF has them: capsules are cylinders and balls, ellipsoids balls."""
+    if isinstance(shape.shape, Ellipsoid):
+        return [replace(shape, shape=Sphere(np.prod(sizes(shape.shape)) ** (1 / 3)))]
+    if not isinstance(shape.shape, Capsule):
+        return [shape]
+    radius, length = sizes(shape.shape)
+    ends = [
+        replace(
+            shape,
+            name=f"{shape.name}_{name}",
+            pose=shape.pose @ RigidTransform(np.array((0.0, 0.0, sign * length / 2))),
+            shape=Sphere(radius),
+        )
+        for name, sign in (("top", 1.0), ("bottom", -1.0))
+    ]
+    return [replace(shape, shape=Cylinder(radius, length)), *ends]
 
 
 def test_shapes_are_the_same(again):
@@ -266,6 +300,8 @@ def test_shapes_are_the_same(again):
     for body in machine.bodies:
         for role in _ROLES:
             one, two = list(machine.shapes(body, role)), list(copy.shapes(other.body(body), role))
+            if other.form == ".urdf" and role == Role.kIllustration:
+                one = [part for shape in one for part in parts_of(shape)]
             assert [shape.name for shape in two] == [shape.name for shape in one]
             for a, b in zip(one, two, strict=True):
                 seen += 1
@@ -450,7 +486,8 @@ def test_a_command_writes_a_folder_that_can_be_moved(suffix, tmp_path, capsys):
     path.parent.mkdir()
     assert main(["export", "chair-walk", "--out", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-1] == f"wrote {path}: 43 links of 107.2 kg, 36 hinges and slides, 8 loops"
+    counts = "43 links, 106.2 kg of which can move, 36 hinges and slides, 8 loops"
+    assert lines[-1] == f"wrote {path}: {counts}"
     closed = any("8 ball joints close loops" in line and "loop_8_b at" in line for line in lines)
     assert closed == (suffix != "xml")
     text = path.read_text()
@@ -514,3 +551,44 @@ def test_a_joint_of_another_kind_is_refused_by_name():
     plant.Finalize()
     with pytest.raises(ParapodError, match="shoulder is a joint of a kind that files do not know"):
         Description(plant, plant.CreateDefaultContext(), scene_graph, "machine")
+
+
+def test_shapes_that_no_machine_has_are_written_too(tmp_path):
+    source = tmp_path / "own.obj"
+    source.write_text(
+        "mtllib own.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    (tmp_path / "own.mtl").write_text("newmtl grey\nKd 0.5 0.5 0.5\n")
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    flat = UnitInertia(0.1, 0.2, 0.3)
+    inertia = SpatialInertia(1.0, np.zeros(3), flat)
+    body = plant.AddRigidBody("body", inertia)
+    shapes = Capsule(0.1, 0.3), Ellipsoid(0.1, 0.2, 0.3), Convex(str(source)), Mesh(str(source))
+    for i, shape in enumerate(shapes):
+        place = RigidTransform(np.array((0.1 * i, 0.0, 0.0)))
+        plant.RegisterVisualGeometry(
+            body, place, shape, f"shape {i}", np.array((0.1, 0.2, 0.3, 1.0))
+        )
+    plant.Finalize()
+    machine = Description(plant, plant.CreateDefaultContext(), scene_graph, "machine")
+    (tmp_path / "out").mkdir()
+    for form in ("urdf", "sdf"):
+        path = tmp_path / "out" / f"own.{form}"
+        files = write_model(path, form, machine)
+        assert [file.name for file in files] == ["own.obj", "own.mtl", path.name]
+        other = Loaded(machine, path)
+        copy = Description(other.plant, other.context, other.scene_graph, "copy")
+        again = list(copy.shapes(other.body(body), Role.kIllustration))
+        wanted = list(machine.shapes(body, Role.kIllustration))
+        if form == "urdf":
+            wanted = [part for shape in wanted for part in parts_of(shape)]
+        assert [type(each.shape) for each in again] == [type(each.shape) for each in wanted]
+        for one, two in zip(wanted, again, strict=True):
+            assert sizes(two.shape) == pytest.approx(sizes(one.shape))
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    model = InMujoco(machine, tmp_path / "out" / "own.xml").model
+    assert model.ngeom == len(shapes)
+    # Which refuses moments of inertia that rounding has made flatter than flat.
+    text = (tmp_path / "out" / "own.urdf").read_text()
+    flat_urdf = re.sub(r"<visual.*</visual>", "", text, flags=re.DOTALL)
+    assert mujoco.MjModel.from_xml_string(flat_urdf).body_mass.sum() == pytest.approx(1.0)
