@@ -553,7 +553,7 @@ def test_a_joint_of_another_kind_is_refused_by_name():
         Description(plant, plant.CreateDefaultContext(), scene_graph, "machine")
 
 
-def test_shapes_that_no_machine_has_are_written_too(tmp_path):
+def test_shapes_and_inertias_that_no_machine_has_are_written_too(tmp_path):
     source = tmp_path / "own.obj"
     source.write_text(
         "mtllib own.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -563,6 +563,8 @@ def test_shapes_that_no_machine_has_are_written_too(tmp_path):
     flat = UnitInertia(0.1, 0.2, 0.3)
     inertia = SpatialInertia(1.0, np.zeros(3), flat)
     body = plant.AddRigidBody("body", inertia)
+    skew = UnitInertia(0.2, 0.25, 0.3, 0.02, -0.03, 0.04)
+    crooked = plant.AddRigidBody("crooked", SpatialInertia(2.0, np.array((0.1, 0.2, -0.1)), skew))
     shapes = Capsule(0.1, 0.3), Ellipsoid(0.1, 0.2, 0.3), Convex(str(source)), Mesh(str(source))
     for i, shape in enumerate(shapes):
         place = RigidTransform(np.array((0.1 * i, 0.0, 0.0)))
@@ -578,6 +580,14 @@ def test_shapes_that_no_machine_has_are_written_too(tmp_path):
         assert [file.name for file in files] == ["own.obj", "own.mtl", path.name]
         other = Loaded(machine, path)
         copy = Description(other.plant, other.context, other.scene_graph, "copy")
+        inertias = [
+            each.CalcSpatialInertiaInBodyFrame(context).CopyToFullMatrix6()
+            for each, context in (
+                (crooked, machine.context),
+                (other.body(crooked), other.context),
+            )
+        ]
+        np.testing.assert_allclose(inertias[1], inertias[0], **_EXACT)
         again = list(copy.shapes(other.body(body), Role.kIllustration))
         wanted = list(machine.shapes(body, Role.kIllustration))
         if form == "urdf":
@@ -591,4 +601,4 @@ def test_shapes_that_no_machine_has_are_written_too(tmp_path):
     # Which refuses moments of inertia that rounding has made flatter than flat.
     text = (tmp_path / "out" / "own.urdf").read_text()
     flat_urdf = re.sub(r"<visual.*</visual>", "", text, flags=re.DOTALL)
-    assert mujoco.MjModel.from_xml_string(flat_urdf).body_mass.sum() == pytest.approx(1.0)
+    assert mujoco.MjModel.from_xml_string(flat_urdf).body_mass.sum() == pytest.approx(3.0)
