@@ -62,6 +62,7 @@ CASES = {
     "child's chair": ("chair-walk", "childs_chair.yaml", ()),
     "empty chair": ("chair-walk", None, ("passenger.mass_kg=0",)),
     "five limbs": ("centre-walk", "five_limbs.yaml", ()),
+    "another leg on the bench": ("bench-leg", None, ()),
     "treadmill": ("bench-walk", None, ("machine.configuration=treadmill",)),
 }
 _EXACT = {"rtol": 1e-9, "atol": 1e-9}
