@@ -40,6 +40,7 @@ from parapod.systems.core.errors import ParapodError
 GROUPS: dict[str, dict[str, Any]] = {
     "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
     "look": {"replay": replay, "plot": plot, "draw": draw, "sheet": sheet, "export": export},
+    "study": {"design": design, "study": study, "compare": compare, "report": report},
     "real machine": {
         "emulate": emulate,
         "check": check,
