@@ -1,6 +1,6 @@
 """Station, controller and sources of commands in one diagram, connected by port name."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +18,19 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink, ZeroOrderHold
 
 from parapod.diagrams.faults import FaultPoints
+from parapod.diagrams.own_controller import OWN, own_name
 from parapod.diagrams.recording import Recording
 from parapod.diagrams.station import Station, check_ports
-from parapod.diagrams.wiring import add, connect, connect_by_name, idle_inputs, inputs_of
+from parapod.diagrams.wiring import (
+    add,
+    connect,
+    connect_by_name,
+    idle_inputs,
+    inputs_of,
+    outputs_of,
+)
 from parapod.systems.core.errors import WiringError
+from parapod.systems.core.quoting import quoted_path
 
 if TYPE_CHECKING:
     from parapod.diagrams.machine import Machine
@@ -57,7 +66,7 @@ class ClosedLoop[S](Diagram):
         *,
         meshcat: Meshcat | None = None,
         plant: System | None = None,
-        controller: System | None = None,
+        controller: System | Callable[[S], System] | None = None,
         sources: Sequence[System] | None = None,
         log: Collection[str] | None = None,
         injectable: Collection[str] = (),
@@ -70,7 +79,8 @@ class ClosedLoop[S](Diagram):
             meshcat: scene in which a simulated machine is drawn; None for no drawing.
             plant: a LeafSystem or Diagram in place of the station, with the inputs that the
                 controller drives, the outputs that are read, and any others of the station's.
-            controller: a system in place of the machine's controller.
+            controller: a system in place of the scenario's controller, or what makes one in place
+                of the machine's, unless `control.controller` names another.
             sources: systems in place of the machine's sources of commands.
             log: names of the ports to record; None for all of them.
             injectable: points into which faults may be injected later.
@@ -81,12 +91,15 @@ class ClosedLoop[S](Diagram):
         """
         super().__init__()
         machine = machine.for_scenario(scenario)
-        self.machine, self.scenario = machine, scenario
         settings: Any = scenario
         period = settings.control.period
         builder = DiagramBuilder()
-        controller = controller or machine.controller(scenario)
         sources = machine.sources(scenario) if sources is None else sources
+        if not isinstance(controller, System):
+            controller = machine.controller_of(scenario, controller, sources)
+        if own_name(scenario):
+            machine = machine.with_signals(outputs_of(controller))
+        self.machine, self.scenario = machine, scenario
         if plant is not None:
             check_ports(machine, plant, controller, sources)
         self.station: Any = add(builder, plant or Station(machine, scenario, meshcat))
@@ -135,6 +148,23 @@ class ClosedLoop[S](Diagram):
             log = sink.FindLog(context)
             time, signals[name] = log.sample_times().copy(), log.data().T.copy()
         return Recording(time, signals, {name: self.machine.unit(name) for name in signals})
+
+    def require(self, names: Iterable[str]) -> None:
+        """Refuses to record signals that are missing.
+
+        Raises:
+            WiringError: names them, and those that there are.
+        """
+        missing = [name for name in names if name not in self.ports]
+        if missing and (own := own_name(self.scenario)):
+            has = ", ".join(outputs_of(self.controller))
+            raise WiringError(
+                f"the run records {', '.join(missing)} of the controller, but {OWN} = "
+                f"{quoted_path(own)} has only: {has}"
+            )
+        for name in missing:
+            port_names = ", ".join(sorted(self.ports))
+            raise WiringError(f"there is no port '{name}' to record; there are: {port_names}")
 
     def readings(
         self, root_context: Context, names: Collection[str] | None = None
@@ -230,10 +260,7 @@ class ClosedLoop[S](Diagram):
     def _log(
         self, builder: DiagramBuilder, names: Collection[str] | None, period: float
     ) -> dict[str, VectorLogSink]:
-        for name in names or ():
-            if name not in self.ports:
-                port_names = ", ".join(sorted(self.ports))
-                raise WiringError(f"there is no port '{name}' to record; there are: {port_names}")
+        self.require(names or ())
         sinks = {}
         for name, port in self.ports.items():
             if names is None or name in names:

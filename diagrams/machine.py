@@ -7,7 +7,7 @@ once, in this folder. A machine is found by its name among the entry points `par
 
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -19,9 +19,11 @@ from pydrake.systems.framework import DiagramBuilder, System
 from parapod.diagrams.faults import FaultTarget, targets_of
 from parapod.diagrams.guard import Guard
 from parapod.diagrams.homing import Homing
+from parapod.diagrams.own_controller import OWN, check_period, own_name, own_system
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.ports import Behind, Out, Port
+from parapod.diagrams.ports import Behind, Inner, Out, Port
 from parapod.diagrams.twin import Twin
+from parapod.diagrams.wiring import inputs_of, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.installed import current_name, installed
 from parapod.systems.core.schema import Schema, plain, quantity
@@ -62,9 +64,12 @@ class ControlScenario(Schema):
 
     Attributes:
         period: sampling period of the controller [s].
+        controller: function that makes a controller of one's own, as "my_file.py:make" or
+            "package.module:function"; empty: the machine's.
     """
 
     period: float = quantity(0.01, 0.001, 0.1)
+    controller: str = ""
 
 
 @dataclass
@@ -102,7 +107,7 @@ class Machine[S]:
         parts: parts whose devices `status.age` and `status.fault` report, in that order.
         plants: simulated backends by name; each adds a plant and returns it as `Behind`.
         mock: adds what mirrors commands to measurements; None: there is no such backend.
-        controller: makes the controller of a scenario.
+        controller: makes its own controller of a scenario; see `controller_of`.
         sources: makes the systems that command the controller and the machine beside it.
         experiment: experiment whose scenario is used where only the machine is named.
         self_tests: moves of a part for the self-test of its devices, by part.
@@ -176,13 +181,54 @@ class Machine[S]:
         """The built-in part of a scenario, as a text: one loop serves all that share it."""
         settings: Any = scenario
         tree = plain(scenario)
-        for key in self.resets(scenario) if settings.backend in self.plants else ():
+        # A controller of one's own may be built from anything.
+        is_reset = settings.backend in self.plants and not own_name(scenario)
+        for key in self.resets(scenario) if is_reset else ():
             *parts, last = key.split(".")
             node = tree
             for part in parts:
                 node = node[part]
             del node[last]
         return json.dumps(tree, default=repr)
+
+    def controller_of(
+        self,
+        scenario: S,
+        usual: Callable[[S], System] | None = None,
+        sources: Sequence[System] = (),
+    ) -> System:
+        """The controller of a scenario: the one that `control.controller` names, or the usual one.
+
+        A function that is named there is called with the scenario and this machine. Its system
+        has those outputs of the usual controller that the station or a source takes, and any
+        other ports.
+
+        Args:
+            scenario: one of its scenarios.
+            usual: makes the usual controller; None: `controller`.
+            sources: sources of commands beside it.
+
+        Raises:
+            ScenarioError: `control.controller` makes no system that can replace the usual one.
+        """
+        settings: Any = scenario
+        usual, name = usual or self.controller, own_name(scenario)
+        if not name:
+            return usual(scenario)
+        read = {port.name for port in self.inputs}.union(*map(inputs_of, sources))
+        # Of the default scenario: limits of its settings are not those of another controller.
+        outputs = [output for output in outputs_of(usual(self.scenario())) if output in read]
+        system = own_system(OWN, name, scenario, self, outputs=outputs)
+        check_period(OWN, name, system, settings.control.period)
+        system.set_name("controller")
+        return system
+
+    def with_signals(self, signals: Iterable[str]) -> "Machine[S]":
+        """The machine with further signals of a controller, whose units are not declared."""
+        more = [
+            Inner(name, "-", "signal of one's own") for name in signals if name not in self.table
+        ]
+        return replace(self, ports=(*self.ports, *more))
 
     def all_limits(self, scenario: S) -> Limits:
         """Limits that its ports declare, and those of a scenario."""

@@ -14,6 +14,7 @@ from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
+from parapod.diagrams.machine import ControlScenario as UsualControlScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import (
@@ -119,7 +120,7 @@ class LegDeviationScenario(Schema):
 
 
 @dataclass
-class ControlScenario(Schema):
+class ControlScenario(UsualControlScenario):
     """The controller, and what it knows of its machine beside the drawing.
 
     `parapod adopt` puts what experiments have identified into the last four keys and into

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.machine import ControlScenario
 from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.drivers import Epos2CentreLegs
 from parapod.systems.core.errors import ScenarioError
@@ -182,7 +183,7 @@ class CentrePlantScenario(Schema):
 
 
 @dataclass
-class CentreControlScenario(Schema):
+class CentreControlScenario(ControlScenario):
     """The controller.
 
     Attributes:

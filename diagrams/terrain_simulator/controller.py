@@ -1,19 +1,12 @@
 """The terrain simulator's controller: from what a terrain asks to sliders, and the leg's own."""
 
-import importlib
-import importlib.util
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
+from parapod.diagrams.own_controller import own_system
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, inputs_of, outputs_of
-from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import quoted, show
 from parapod.systems.terrain_simulator.cells import FootForce
 from parapod.systems.terrain_simulator.guard import SingularityGuard, SingularityGuardParams
 from parapod.systems.terrain_simulator.hip_support import HipSupport
@@ -52,44 +45,12 @@ def make_leg_controller(scenario: TerrainBenchScenario) -> System:
     """The leg's controller: its own, or one that the scenario names.
 
     Raises:
-        ScenarioError: it cannot be loaded, is none, or cannot be sampled with the period.
+        ScenarioError: see `own_system`; or it cannot be sampled with the period.
     """
     if not scenario.leg.controller:
         return scenario.leg.under_test.make_controller(scenario.leg_period or _ANY_PERIOD)
-    key = f"leg.controller = {quoted(scenario.leg.controller)}"
-    make = _loaded(scenario.leg.controller, key)
-    try:
-        system: Any = make(scenario)
-    except Exception as error:
-        words = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ScenarioError(f"{key}: {words}", "leg.controller") from error
-    if not isinstance(system, System) or "torque_command" not in outputs_of(system):
-        raise ScenarioError(
-            f"{key} must make a system with the output torque_command, not {show(system)}",
-            "leg.controller",
-        )
-    return system
-
-
-def _loaded(name: str, key: str) -> Callable[[TerrainBenchScenario], object]:
-    """Function that a text such as "package.module:name" or "file.py:name" names."""
-    place, _, attribute = name.partition(":")
-    try:
-        if place.endswith(".py"):
-            spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-            if spec is None or spec.loader is None or not Path(place).is_file():
-                raise ScenarioError(f"{key}: there is no such file", "leg.controller")
-            module = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(module)
-        else:
-            module = importlib.import_module(place)
-        controller: Callable[[TerrainBenchScenario], object] = getattr(module, attribute)
-    except ScenarioError:
-        raise
-    except Exception as error:
-        words = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ScenarioError(f"{key} cannot be loaded: {words}", "leg.controller") from error
-    return controller
+    name = scenario.leg.controller
+    return own_system("leg.controller", name, scenario, outputs=("torque_command",))
 
 
 def make_controller(scenario: TerrainBenchScenario) -> Diagram:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.machine import ControlScenario
 from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.drivers import Epos2HipSlide, Epos2Sliders
 from parapod.diagrams.terrain_simulator.leg import (
@@ -265,7 +266,7 @@ class BenchPlantScenario(Schema):
 
 
 @dataclass
-class BenchControlScenario(Schema):
+class BenchControlScenario(ControlScenario):
     """The controllers of bench and leg.
 
     Attributes:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.machine import ControlScenario
 from parapod.diagrams.walking_chair.design import ChairDesign, DriveScenario
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.systems.actuators.compound_position_controller import (
@@ -114,7 +115,7 @@ class ChairPlantScenario(Schema):
 
 
 @dataclass
-class ChairControlScenario(Schema):
+class ChairControlScenario(ControlScenario):
     """The controller.
 
     Attributes:

@@ -31,6 +31,7 @@ from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.designs import check_design, is_published
 from parapod.diagrams.machine import Machine
+from parapod.diagrams.own_controller import OWN, own_name
 from parapod.diagrams.plots import Limits
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run
@@ -44,7 +45,7 @@ from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import waiting
 from parapod.sims.output.results import Metric, Result
 from parapod.sims.output.scene_page import write_page
-from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
+from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError, WiringError
 from parapod.systems.core.schema import check as check_scenario
 
 # Options that show or write something, and the hook that each of them needs.
@@ -68,6 +69,7 @@ class Experiment[S, D]:
         switches: options of its own without a value: name -> override that it is short for, and
             its help.
         takes: usual duration of a run, in words.
+        takes_controller: true if it runs the controller that a scenario names.
         on_devices: settings, as for `--set`, with which devices keep up.
         drawing: drawing of a log in a replay; None: the machine's, where it has one.
     """
@@ -76,6 +78,7 @@ class Experiment[S, D]:
     backends: ClassVar[tuple[str, ...]] = ()
     switches: ClassVar[Mapping[str, tuple[str, str]]] = {}
     takes: ClassVar[str] = "seconds"
+    takes_controller: ClassVar[bool] = False
     on_devices: ClassVar[Sequence[str]] = ()
     drawing: ClassVar[LogDrawing | None] = None
 
@@ -158,6 +161,11 @@ class Experiment[S, D]:
         machine = getattr(settings, "machine", None)
         if machine is not None:
             check_design(machine)
+        if own_name(scenario) and not self.takes_controller:
+            raise ScenarioError(
+                f"{OWN} must be empty: '{self.name}' leads its machine by itself",
+                OWN,
+            )
         self.check_backend(settings.backend)
         self._check_options(options)
         if options.log is not None and settings.backend != "hardware":
@@ -295,6 +303,7 @@ class LoopExperiment[S, D](Experiment[S, D]):
             left out where the machine is not simulated.
     """
 
+    takes_controller = True
     machine: ClassVar[Machine[Any]]
     signals: ClassVar[Sequence[str]] = ()
 
@@ -416,7 +425,11 @@ class LoopExperiment[S, D](Experiment[S, D]):
         run = self.watched(data)
         if run.panel is None:
             return None
-        live = self.live(scenario, run.panel, run, options.console) if options.live else None
+        try:
+            live = self.live(scenario, run.panel, run, options.console) if options.live else None
+        except WiringError as error:  # a controller of one's own that takes no commands
+            options.console.print(str(error), markup=False, highlight=False, soft_wrap=True)
+            live = None
         if live is None:
             run.panel.close()
         return live

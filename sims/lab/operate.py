@@ -13,7 +13,12 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.sims.lab.desk import Desk
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout
-from parapod.sims.lab.runner import LOOK_PERIOD, in_real_time
+from parapod.sims.lab.runner import (
+    LOOK_PERIOD,
+    in_real_time,
+    read_what_there_is,
+    refuse_deaf,
+)
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import waiting
 from parapod.systems.core.errors import OutputError, ParapodError
@@ -63,6 +68,7 @@ def operate(
     with Desk(experiment.name, scenario, title, host) as desk:
         loop = experiment.operated(scenario, desk)
         assert loop is not None
+        refuse_deaf(loop)
         with ExitStack() as stack:
             for source in loop.sources:
                 if hasattr(source, "shown"):
@@ -142,6 +148,6 @@ def _shown_on(
             return
         last = now
         signals = {name: read() for name, read in readings.items()}
-        desk.show(experiment.read_out(loop, context), signals)
+        desk.show(read_what_there_is(experiment.read_out, loop, context), signals)
 
     return show

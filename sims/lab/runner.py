@@ -20,7 +20,8 @@ from rich.console import Console
 
 from parapod.diagrams.block_diagram import BlockDiagram
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.sims.lab.panel import Panel
+from parapod.diagrams.wiring import inputs_of, outputs_of
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, ReadOut, Run
 from parapod.sims.lab.stage import Stage
 from parapod.sims.lab.strip_chart import StripChart
@@ -28,7 +29,7 @@ from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import progress
 from parapod.sims.output.scene_page import write_page
-from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError
+from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError, WiringError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
 
@@ -225,6 +226,7 @@ class Runner:
         else:
             closed_loop = self.options.loops.loop((structure, log), partial(loop, log=log))
             reset_to = begin
+        closed_loop.require(signals_needed)
         if options.graphviz is not None:
             write_graphviz(options.graphviz, BlockDiagram(closed_loop))
         simulator = Simulator(closed_loop)
@@ -323,10 +325,35 @@ def shown_on(
             chart.add(now, {name: read() for name, read in readings.items()})
         if not shown_at <= now < shown_at + LOOK_PERIOD:
             shown_at = now
-            panel.show(read_out(loop, root_context))
+            panel.show(read_what_there_is(read_out, loop, root_context))
         return EventStatus.DidNothing()
 
     return look
+
+
+def read_what_there_is(read_out: ReadOut, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+    """A loop's numbers; the time alone where a controller of one's own lacks their ports."""
+    try:
+        return read_out(loop, root_context)
+    except WiringError as error:
+        time = Row("time", measured=root_context.get_time(), unit="s")
+        return Readout(rows=(time,), remarks=(f"no more numbers: {error}",))
+
+
+def refuse_deaf(loop: ClosedLoop[Any]) -> None:
+    """Refuses a loop in which nothing takes a command of the person's.
+
+    Raises:
+        WiringError: names the commands.
+    """
+    systems = (loop.station, loop.controller, *loop.sources)
+    inputs = {name for system in systems for name in inputs_of(system)}
+    persons = (source for source in loop.sources if hasattr(source, "shown"))
+    if deaf := [name for one in persons for name in outputs_of(one) if name not in inputs]:
+        raise WiringError(
+            f"a person operates the machine by the controller's input {', '.join(deaf)}, "
+            f"which is missing; it has: {', '.join(inputs_of(loop.controller))}"
+        )
 
 
 def _is_ended(look: Monitor | None, root_context: Context) -> bool:
@@ -368,7 +395,11 @@ class Live:
             panel: the page.
             loop: the loop, drawn in the page's scene.
             read_out: says what the page shows.
+
+        Raises:
+            WiringError: see `refuse_deaf`.
         """
+        refuse_deaf(loop)
         self.panel, self.loop = panel, loop
         self.simulator = Simulator(loop)
         monitors = [] if loop.monitor is None else [loop.monitor]

@@ -271,7 +271,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         machine = scenario.levelling
         operator = OperatorScript(scenario.steps(), scenario.posture, machine.control.period)
         parts: dict[str, Any] = {
-            "controller": make_supervised_controller(machine),
+            "controller": make_supervised_controller,
             "sources": [operator],
         }
         return ClosedLoop(PLATFORM, machine, **(parts | options))

@@ -288,7 +288,7 @@ class LivePlatform(Live):
             PLATFORM,
             scenario,
             meshcat=panel.meshcat,
-            controller=make_controller(scenario, on_unreachable="clamp"),
+            controller=partial(make_controller, on_unreachable="clamp"),
             sources=(self.sliders, *make_job_sources(scenario)),
             log=(),
         )

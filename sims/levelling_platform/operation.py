@@ -37,6 +37,11 @@ _PLACE = np.array([-2.0, 1.1, 1.75])  # lower left corner of the text, beside th
 _PATH = "/phase"
 # A refusal ends the operation after this long, in which the machine is seen to stand [s].
 _STANDING = 2.0
+# Ports of the controller that end an operation, or say why it has ended.
+_WATCHED = (
+    *("phase", "refusal", "arm_margin", "arm_refused", "findings"),
+    *("ground_estimated", "foot_offsets_estimated"),
+)
 # After this long in a phase its requests have been judged [s].
 _JUDGED = 0.1
 _ADVICE = {
@@ -116,6 +121,7 @@ class OperationWatch:
         label: PhaseLabel | None,
         ends_at_fault: bool = False,
     ):
+        loop.require(_WATCHED)
         self._loop, self._steps, self._label = loop, steps, label
         self._ends_at_fault = ends_at_fault
         self._operator = loop.GetSubsystemByName("operator_script")
@@ -242,7 +248,7 @@ def operated_platform(
         PLATFORM,
         machine,
         meshcat=meshcat,
-        controller=make_supervised_controller(machine, is_operated=True),
+        controller=partial(make_supervised_controller, is_operated=True),
         sources=(OperatorControls(controls, height, machine.geometry_as_known, period=0.02),),
         log=(),
     )

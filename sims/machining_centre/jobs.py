@@ -331,7 +331,7 @@ def operated_loop(
     idle = copy.deepcopy(scenario)
     idle.holes.count, idle.walk.advance_mm, idle.stop_at = 0, 0.0, None
     source = CentreControls(controls, idle.machine.geometry, idle.plan.beginning.pose)
-    controller = make_controller(idle, is_operated=True)
+    controller = partial(make_controller, is_operated=True)
     return ClosedLoop(
         MACHINING_CENTRE, idle, controller=controller, sources=(source,), meshcat=meshcat, log=()
     )

@@ -116,7 +116,10 @@ class Study:
         values = self.sampling.values(run)
         values_by_key = dict(zip(self.order.keys, values, strict=True))
         # Of a part that differs whole, the variables' own keys come last and win.
-        settings = [f"{key}={inline(value)}" for key, value in (changed | values_by_key).items()]
+        settings = [
+            f"{key}={'' if value == '' else inline(value)}"
+            for key, value in (changed | values_by_key).items()
+        ]
         return shlex.join(["parapod", "run", self.entry.name, "--set", *settings])
 
     def carry_out(

@@ -2,11 +2,12 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -16,6 +17,7 @@ from parapod.sims.output.results import Metric, amount, plain_number
 from parapod.sims.study.records import Column, Records
 from parapod.sims.study.sensitivity import contributions
 from parapod.sims.study.study import Study
+from parapod.systems.core.scenario_file import inline
 
 QUANTILES: Mapping[str, float] = {"min": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "max": 1.0}
 # Width of a terminal from which on all quantiles have room [characters].
@@ -24,6 +26,8 @@ _WIDE = 110
 _SHOWN = 5
 # Metrics that the answer names.
 _NAMED = 3
+# Values of a key that are set side by side.
+_COMPARED = 5
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,46 @@ def _limits(column: Column) -> str:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """Texts or switches that a key is set to, side by side, each over its runs.
+
+    Attributes:
+        key: the key.
+        values: its values as people write them.
+        passed: number of runs with all bounds held, and of all runs, by value.
+        medians: medians of each metric, by value; NaN where no run has measured it.
+    """
+
+    key: str
+    values: tuple[str, ...]
+    passed: tuple[tuple[int, int], ...]
+    medians: Mapping[str, tuple[float, ...]]
+
+    @classmethod
+    def from_records(cls, study: Study, records: Records) -> Iterator["Comparison"]:
+        """Comparisons of all keys with two to five such values."""
+        runs = np.flatnonzero(records.done)
+        for i, variable in enumerate(study.variables):
+            if variable.is_number or not 2 <= len(variable.values) <= _COMPARED:
+                continue
+            places = [
+                variable.values.index(study.sampling.values(run)[i]) for run in runs.tolist()
+            ]
+            groups = [runs[np.array(places) == place] for place in range(len(variable.values))]
+            medians = {
+                column.key: tuple(_median(column, group) for group in groups)
+                for column in records.columns
+            }
+            passed = tuple((int(records.passed[group].sum()), len(group)) for group in groups)
+            yield cls(variable.key, tuple(map(inline, variable.values)), passed, medians)
+
+
+def _median(column: Column, runs: NDArray[np.int_]) -> float:
+    there = column.values[runs][column.is_there[runs]]
+    return float(np.quantile(there, 0.5, method="inverted_cdf")) if there.size else np.nan
+
+
+@dataclass(frozen=True)
 class Summary:
     """Numbers that a study has shown.
 
@@ -122,6 +166,7 @@ class Summary:
             the first of these; the most frequent first.
         decisive: variable with the largest part in whether all bounds are held, and its share of
             the variance; None where the sampling does not tell.
+        comparisons: texts or switches that a key is set to, side by side.
     """
 
     study: Study
@@ -130,6 +175,7 @@ class Summary:
     metrics: tuple[MetricSummary, ...]
     refusals: tuple[tuple[str, int, int], ...]
     decisive: tuple[str, float] | None = None
+    comparisons: tuple[Comparison, ...] = ()
 
     @classmethod
     def from_records(cls, study: Study, records: Records) -> "Summary":
@@ -141,6 +187,7 @@ class Summary:
             tuple(MetricSummary.from_column(column) for column in records.columns),
             _refusals(records.errors),
             _decisive(study, records),
+            tuple(Comparison.from_records(study, records)),
         )
 
     @property
@@ -190,6 +237,17 @@ class Summary:
                 }
                 for metric in self.metrics
             },
+            "comparisons": {
+                one.key: {
+                    value: {
+                        "passed": one.passed[i][0],
+                        "runs": one.passed[i][1],
+                        "medians": {key: plain_number(x[i]) for key, x in one.medians.items()},
+                    }
+                    for i, value in enumerate(one.values)
+                }
+                for one in self.comparisons
+            },
             "refused": [
                 {"reason": text, "runs": count, "first": first}
                 for text, count, first in self.refusals
@@ -226,6 +284,8 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print(Text(title, style="bold").append(variables, style="not bold"))
     if summary.metrics:
         console.print(_table(summary, console.width))
+        for comparison in summary.comparisons:
+            console.print(_side_by_side(comparison))
     metrics_shown = [metric for metric in summary.worst if metric.use > 1.0] or list(summary.worst)
     commands = summary.commands
     for run in list(dict.fromkeys(metric.worst for metric in metrics_shown))[:_SHOWN]:
@@ -249,6 +309,18 @@ def print_summary(summary: Summary, console: Console) -> None:
             console.print(Text(f"{metric.key}: {metric.remark}"))
     style = "green" if summary.passed == summary.done else "bold red"
     console.print(Text(summary.answer, style=style))
+
+
+def _side_by_side(comparison: Comparison) -> Table:
+    table = Table(box=SIMPLE_HEAD, title=f"medians by {comparison.key}", title_justify="left")
+    table.add_column("metric", overflow="fold")
+    for value in comparison.values:
+        table.add_column(Text(value), justify="right", overflow="fold")
+    passed = (f"{count}/{runs}" for count, runs in comparison.passed)
+    table.add_row("runs with all bounds held", *passed, style="bold")
+    for key, medians in comparison.medians.items():
+        table.add_row(Text(key), *(f"{median:.3g}" for median in medians))
+    return table
 
 
 def _table(summary: Summary, width: int) -> Table:

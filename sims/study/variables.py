@@ -137,6 +137,8 @@ class _Reading:
         numbers = [part for part in parts if part is not None]
         if 2 <= len(numbers) == len(parts) <= 3:
             return self._of_range(text, numbers)
+        if self._kind is str and not re.search(r"[][{}'\"]", text):
+            return self._of_values(text, [part.strip() for part in text.split(",")])
         listed = parse(text if text.startswith("[") else f"[{text}]", f"values of {self._key}")
         return self._of_values(text, listed)
 

@@ -89,6 +89,8 @@ class LiveBench:
             courses = own
         else:
             courses = scenario_of(terrain, own.leg, own.hip.mass_kg, own.machine)
+            control = replace(courses.control, controller=own.control.controller)
+            courses = replace(courses, control=control)
         speed = 0.01 * percent * courses.gait.speed_m_s
         return replace(courses, gait=replace(courses.gait, speed_m_s=speed))
 

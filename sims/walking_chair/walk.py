@@ -107,7 +107,7 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
 
     def operated(self, scenario: ChairScenario, controls: Any) -> ClosedLoop[ChairScenario]:
         """The walk, step by step while a person holds a button."""
-        controller = make_controller(scenario, is_operated=True)
+        controller = partial(make_controller, is_operated=True)
         sources = (ChairControls(controls),)
         return ClosedLoop(CHAIR, scenario, controller=controller, sources=sources, log=())
 

@@ -26,6 +26,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from parapod.systems.core.errors import WiringError
 from parapod.systems.core.switching import switched
 
 # Takes the numbers of a vector one by one: up to this size that is faster than making a view.
@@ -117,10 +118,13 @@ def value_of(system: System, port: str, root_context: Context) -> NDArray[np.flo
     """Present value of a system's output, or of its input, found by name in a whole diagram.
 
     Raises:
-        RuntimeError: the system has no such port.
+        WiringError: the system has no such port.
     """
-    port_found: Any = (
-        system.GetOutputPort(port) if system.HasOutputPort(port) else system.GetInputPort(port)
-    )
+    if system.HasOutputPort(port):
+        port_found: Any = system.GetOutputPort(port)
+    elif system.HasInputPort(port):
+        port_found = system.GetInputPort(port)
+    else:
+        raise WiringError(f"'{system.get_name()}' has no port '{port}'")
     value: Any = port_found.Eval(system.GetMyContextFromRoot(root_context))
     return np.array(value, dtype=float)

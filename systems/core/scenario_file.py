@@ -87,7 +87,10 @@ def load_scenario[T](
         if not equals or not key:
             raise ScenarioError(f"override {show(override)} is not of the form key=value", key)
         data = parse(value, f"override {show(override)}", private=True, folder=Path())
-        tree = Reader(schema).assign(schema, tree, key.split("."), data)
+        reader, keys = Reader(schema), key.split(".")
+        if not value.strip() and reader.locate(schema, tree, keys)[0] is str:
+            data = ""
+        tree = reader.assign(schema, tree, keys, data)
     scenario: T = build(schema, tree)
     return scenario
 

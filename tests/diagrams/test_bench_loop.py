@@ -339,8 +339,8 @@ def test_a_controller_of_ones_own_comes_from_a_file(tmp_path):
     with pytest.raises(ScenarioError, match=r"leg.stance_damping_Ns_m = 1000 N s/m is too much"):
         check_bench(replace(STEP, leg=wild))
     for text, words in (
-        (f"{path}:make_none", "must make a system with the output torque_command"),
-        (f"{path}:missing", "cannot be loaded: AttributeError"),
+        (f"{path}:make_none", "lacks the output torque_command; it has: y"),
+        (f"{path}:missing", "there is no function 'missing'"),
         ("nowhere.py:make", "there is no such file"),
         ("no_such_package:make", "cannot be loaded: ModuleNotFoundError"),
     ):

@@ -36,6 +36,7 @@ class TrialScenario(Schema):
         x: first number [mm].
         y: second number [mm].
         kind: what it does.
+        note: any text.
         wait: time that it takes [s].
     """
 
@@ -44,6 +45,7 @@ class TrialScenario(Schema):
     x: float = quantity(0.0, -10.0, 10.0)
     y: float = quantity(0.0, -10.0, 10.0)
     kind: str = choice("good", ("good", "refused", "crash", "lethal", "endless"))
+    note: str = ""
     wait: float = quantity(0.0, 0.0, 10.0)
 
 

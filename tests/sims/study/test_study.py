@@ -26,6 +26,7 @@ from parapod.sims.study.records import Records
 from parapod.sims.study.result import read_study
 from parapod.sims.study.runs import AnotherVersion, Software, carry_out_run
 from parapod.sims.study.study import Study
+from parapod.sims.study.summary import print_summary
 from parapod.systems.core.errors import OutputError
 from tests.sims.study.conftest import Here, carry_out
 
@@ -38,6 +39,24 @@ def rows(path):
 
 
 # --- the table
+
+
+def test_texts_of_a_key_are_compared_side_by_side(study):
+    done = carry_out(study({"x": "2,4,8", "note": ",other", "kind": "good,refused"}))
+    empty, other = (one.values for one in done.summary.comparisons)
+    assert (empty, other) == (("''", "other"), ("good", "refused"))
+    by_note, by_kind = done.summary.comparisons
+    assert by_note.medians["total_mm"] == (4.0, 4.0)
+    assert by_kind.medians["total_mm"][0] == 4.0
+    assert np.isnan(by_kind.medians["total_mm"][1])
+    assert [runs for _, runs in by_kind.passed] == [6, 6]
+    assert by_kind.passed[1][0] == 0
+    stream = io.StringIO()
+    print_summary(done.summary, Console(file=stream, width=100))
+    assert "medians by note" in stream.getvalue()
+    assert done.summary.as_json()["comparisons"]["kind"]["refused"]["medians"]["total_mm"] is None
+    assert "Medians by kind" in done._repr_html_()
+    assert " note= " in done.summary.commands[0] + " "
 
 
 def test_a_row_has_the_variables_the_metrics_and_what_became_of_the_bounds(study, work):

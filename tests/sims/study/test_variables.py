@@ -36,6 +36,11 @@ def test_values_are_listed_in_the_types_of_yaml(read):
     assert not read(kind="good")[0].is_number
 
 
+def test_a_text_may_be_empty(read):
+    assert read(note=",a.py:make")[0].values == ["", "a.py:make"]
+    assert read(note="'a, b', c")[0].values == ["a, b", "c"]
+
+
 def test_shares_of_a_list_choose_each_value_equally_often(read):
     (x,) = read(x="1:3:3")
     shares = np.linspace(0.0, 1.0, 300, endpoint=False)
@@ -69,7 +74,7 @@ def test_a_distribution_counts_as_far_as_it_is_admissible(read):
     ("given", "words"),
     [
         ({}, "varies at least one key"),
-        ({"z": "0:1"}, "unknown key 'z'; allowed: backend, kind, seed, wait, x, y"),
+        ({"z": "0:1"}, "unknown key 'z'; allowed: backend, kind, note, seed, wait, x, y"),
         ({"x": "0:20:3"}, "x = 20 is outside -10..10"),
         ({"x": "0:20"}, "x = 20 is outside -10..10"),
         ({"x": [0.0, 11.0]}, "x = 11 is outside -10..10"),
