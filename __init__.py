@@ -14,6 +14,7 @@
     parapod.study("level", {"seed": "0:20", "ground.pitch_deg": "-5:5:11"})  # on all cores
     parapod.draw(loop)  # the diagram as a picture
     parapod.Scene.from_meshcat(meshcat)  # drawn by `closed_loop(scenario, meshcat=meshcat)`
+    parapod.linearised(system, context, ["u"], ["y"])  # A, B, C, D, where it has them
     parapod.Alone(system, {"voltage": 3.0})  # one component in a diagram that can be simulated
 
 `parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.faults import FaultScenario
     from parapod.diagrams.homing import Homing
+    from parapod.diagrams.linear import linearised
     from parapod.diagrams.machine import (
         ControlScenario,
         Machine,
@@ -41,7 +43,15 @@ if TYPE_CHECKING:
     from parapod.diagrams.ports import Behind, In, Inner, Out, Span, Truth
     from parapod.diagrams.recording import Recording
     from parapod.diagrams.station import Station
-    from parapod.diagrams.wiring import add, connect, named_source
+    from parapod.diagrams.wiring import (
+        add,
+        connect,
+        connect_by_name,
+        export_inputs,
+        inputs_of,
+        named_source,
+        outputs_of,
+    )
     from parapod.sims.api import (
         closed_loop,
         experiments,
@@ -58,9 +68,21 @@ if TYPE_CHECKING:
     from parapod.sims.output.results import Metric, Result
     from parapod.sims.real_machine.own_emulator import own_emulator
     from parapod.sims.study.result import StudyResult, read_study
+    from parapod.systems.actuators.compound_position_controller import (
+        CompoundPositionController,
+        CompoundPositionControllerParams,
+    )
+    from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+    from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
+    from parapod.systems.actuators.position_servo import PositionServo
+    from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
     from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
     from parapod.systems.core.function import FunctionSystem
     from parapod.systems.core.schema import Schema, choice, quantity
+    from parapod.systems.sensors.attitude_estimator import (
+        AttitudeEstimator,
+        AttitudeEstimatorParams,
+    )
 
 _HOMES = {
     "diagrams.alone": ("Alone",),
@@ -68,6 +90,7 @@ _HOMES = {
     "diagrams.closed_loop": ("ClosedLoop",),
     "diagrams.faults": ("FaultScenario",),
     "diagrams.homing": ("Homing",),
+    "diagrams.linear": ("linearised",),
     "diagrams.machine": (
         "ControlScenario",
         "Machine",
@@ -78,7 +101,15 @@ _HOMES = {
     "diagrams.ports": ("Behind", "In", "Inner", "Out", "Span", "Truth"),
     "diagrams.recording": ("Recording",),
     "diagrams.station": ("Station",),
-    "diagrams.wiring": ("add", "connect", "named_source"),
+    "diagrams.wiring": (
+        "add",
+        "connect",
+        "connect_by_name",
+        "export_inputs",
+        "inputs_of",
+        "named_source",
+        "outputs_of",
+    ),
     "sims.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
     "sims.output.drawn": ("LogDrawing",),
     "sims.lab.experiment": ("Experiment", "LoopExperiment"),
@@ -88,18 +119,43 @@ _HOMES = {
     "sims.lab.scene": ("Scene",),
     "sims.real_machine.own_emulator": ("own_emulator",),
     "sims.study.result": ("StudyResult", "read_study"),
+    "systems.actuators.compound_position_controller": (
+        "CompoundPositionController",
+        "CompoundPositionControllerParams",
+    ),
+    "systems.actuators.linear_actuator": (
+        "LinearActuator",
+        "LinearActuatorParams",
+    ),
+    "systems.actuators.pi_controller": (
+        "PiController",
+        "PiControllerParams",
+    ),
+    "systems.actuators.position_servo": ("PositionServo",),
+    "systems.actuators.velocity_servo": (
+        "VelocityServo",
+        "VelocityServoParams",
+    ),
     "systems.core.errors": ("ParapodError", "ScenarioError", "UnreachablePosture"),
     "systems.core.function": ("FunctionSystem",),
     "systems.core.schema": ("Schema", "choice", "quantity"),
+    "systems.sensors.attitude_estimator": (
+        "AttitudeEstimator",
+        "AttitudeEstimatorParams",
+    ),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __version__ = version("parapod")
 __all__ = [
     "Alone",
+    "AttitudeEstimator",
+    "AttitudeEstimatorParams",
     "Behind",
     "BlockDiagram",
     "ClosedLoop",
+    "CompoundPositionController",
+    "CompoundPositionControllerParams",
     "ControlScenario",
     "Experiment",
     "FaultScenario",
@@ -108,6 +164,8 @@ __all__ = [
     "Homing",
     "In",
     "Inner",
+    "LinearActuator",
+    "LinearActuatorParams",
     "LogDrawing",
     "LoopExperiment",
     "Machine",
@@ -115,6 +173,9 @@ __all__ = [
     "Metric",
     "Out",
     "ParapodError",
+    "PiController",
+    "PiControllerParams",
+    "PositionServo",
     "Recording",
     "Result",
     "RunOptions",
@@ -127,14 +188,21 @@ __all__ = [
     "StudyResult",
     "Truth",
     "UnreachablePosture",
+    "VelocityServo",
+    "VelocityServoParams",
     "add",
     "choice",
     "closed_loop",
     "connect",
+    "connect_by_name",
     "draw",
     "experiments",
+    "export_inputs",
     "find_machine",
+    "inputs_of",
+    "linearised",
     "named_source",
+    "outputs_of",
     "own_emulator",
     "quantity",
     "read_study",

@@ -1,6 +1,7 @@
 """Wiring of diagrams: by hand with plain errors, and by the names of ports."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import Trajectory
 
 from parapod.systems.core.errors import WiringError
+
+_AS_THEY_ARE: Mapping[str, str] = MappingProxyType({})
 
 
 def add[S: System](builder: DiagramBuilder, system: S, name: str = "") -> S:
@@ -107,6 +110,31 @@ def connect_by_name(
                 sources[name] = through(name, source)
             connect(builder, sources[name], sink)
     return outputs
+
+
+def export_inputs(
+    builder: DiagramBuilder,
+    systems: Sequence[System],
+    names: Mapping[str, str] = _AS_THEY_ARE,
+) -> None:
+    """Exports every input that nothing drives yet; inputs of the same name become one.
+
+    Args:
+        builder: builder of the diagram that holds the systems.
+        systems: the systems.
+        names: names of the exported inputs by those of the systems, where they differ.
+    """
+    exported: set[str] = set()
+    for system in systems:
+        for inner, sink in inputs_of(system).items():
+            name = names.get(inner, inner)
+            if builder.IsConnectedOrExported(sink):
+                continue
+            if name in exported:
+                builder.ConnectInput(name, sink)
+            else:
+                builder.ExportInput(sink, name)
+                exported.add(name)
 
 
 def idle_inputs(builder: DiagramBuilder, system: System, values: Mapping[str, float]) -> None:

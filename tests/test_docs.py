@@ -233,7 +233,7 @@ def test_every_form_of_values_that_the_documents_show_is_understood():
     from parapod.systems.core.schema import checked
 
     shown = re.findall(r"^\| `'?([\w.]+=[^`']+)'?` \|", _STUDIES, re.MULTILINE)
-    assert len(shown) == 6
+    assert len(shown) == 7
     for text in shown:
         key, values = split_variable(text)
         (variable,) = read_variables(

@@ -10,17 +10,16 @@ while moving. A dead band of .03 deg leaves 4 of 20 up to .005 deg worse, and br
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.linear import linearised
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.linear_actuator import LinearActuator
 from parapod.systems.actuators.pi_controller import PiController
@@ -96,36 +95,8 @@ def open_loop(scenario: LevellingScenario, gain_scale: float = 1.0) -> OpenLoop:
         gain_scale: the actuators' K over what the controller takes it for [-].
     """
     diagram, context = _settled(scenario, gain_scale)
-    size = sum(_group_sizes(context))
-    gradient = _derivatives(diagram, context)
-    rates, posture = gradient[:size], gradient[size:]
-    return OpenLoop(rates[:, :size], rates[:, size:], posture[:2, :size], scenario.control.period)
-
-
-def _derivatives(diagram: Diagram, context: Context) -> NDArray[np.float64]:
-    """Next state and output (rows) by state and input (columns).
-
-    Drake's `Linearize` wants all discrete state in one group; a diagram has one a system.
-    """
-    system = diagram.ToAutoDiffXd()
-    variable = system.CreateDefaultContext()
-    variable.SetTimeStateAndParametersFrom(context)
-    groups = [group.CopyToVector() for group in context.get_discrete_state().get_data()]
-    attitude = diagram.GetInputPort("attitude").Eval(context)
-    values = InitializeAutoDiff(np.concatenate([*groups, attitude])).ravel()
-    start = 0
-    for i, group in enumerate(groups):
-        variable.SetDiscreteState(i, values[start : start + len(group)])
-        start += len(group)
-    system.GetInputPort("attitude").FixValue(variable, values[start:])
-    ahead = system.EvalUniquePeriodicDiscreteUpdate(variable)
-    rows: list[Any] = [group.CopyToVector() for group in ahead.get_data()]
-    rows.append(system.GetOutputPort("posture").Eval(variable))
-    return np.asarray(ExtractGradient(np.concatenate(rows).reshape(-1, 1)))
-
-
-def _group_sizes(context: Context) -> list[int]:
-    return [group.size() for group in context.get_discrete_state().get_data()]
+    model = linearised(diagram, context, ["attitude"], ["posture"])
+    return OpenLoop(model.A(), model.B(), model.C()[:2], model.time_period())
 
 
 def margins(loop: OpenLoop, delay: float = 0.0) -> tuple[Margins, Margins]:

@@ -6,7 +6,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.own_controller import own_system
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.diagrams.wiring import add, inputs_of, outputs_of
+from parapod.diagrams.wiring import add, export_inputs, outputs_of
 from parapod.systems.terrain_simulator.cells import FootForce
 from parapod.systems.terrain_simulator.guard import SingularityGuard, SingularityGuardParams
 from parapod.systems.terrain_simulator.hip_support import HipSupport
@@ -77,15 +77,7 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
     )
     outputs = {name: port for system in systems for name, port in outputs_of(system).items()}
     outputs["hip_brake"] = outputs["brake"]
-    inputs: set[str] = set()
-    for system in systems:
-        for name, sink in inputs_of(system).items():
-            signal = _TAKEN.get(name, name)
-            if signal in inputs:
-                builder.ConnectInput(signal, sink)
-            else:
-                builder.ExportInput(sink, signal)
-                inputs.add(signal)
+    export_inputs(builder, systems, _TAKEN)
     if not scenario.drives_leg:  # nothing but its brake would carry the slide
         outputs["hip_brake"] = add(builder, ConstantVectorSource(np.ones(1))).get_output_port()
     for signal, name in _SHOWN.items():
