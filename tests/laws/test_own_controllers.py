@@ -1,13 +1,16 @@
 """Laws of controllers of one's own, proved for every experiment that runs one."""
 
+import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
+from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import list_machines
-from parapod.diagrams.wiring import inputs_of, outputs_of
+from parapod.diagrams.wiring import inputs_of, named_source, outputs_of
 from parapod.sims.lab.discovery import list_entries
 from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.lab.runner import read_what_there_is, refuse_deaf
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from tests.laws.test_experiments import BRIEF, quiet, scenario_of
@@ -35,6 +38,7 @@ def make(scenario, machine):
 PORTS = """
 import numpy as np
 from pydrake.systems.framework import LeafSystem
+from pydrake.trajectories import PiecewisePolynomial
 
 class Ports(LeafSystem):
     def __init__(self, outputs, inputs={{}}, period=0.0):
@@ -208,3 +212,30 @@ def test_it_is_a_leaf_system_that_the_file_itself_defines(named):
     own = named(PORTS.format(body=f"return Ports({outputs})"))
     loop = ClosedLoop(machine, scenario_with(machine, own), log=())
     assert isinstance(loop.controller, LeafSystem)
+
+
+@pytest.mark.parametrize("entry", RUN, ids=lambda entry: entry.name)
+def test_numbers_beside_the_scene_do_without_ports_that_it_lacks(entry, named):
+    machine = entry.load().machine
+    outputs, _ = ports_of(machine)
+    commands = {port.name for port in machine.inputs}
+    needed = {name: size for name, size in outputs.items() if name in commands}
+    own = named(PORTS.format(body=f"return Ports({needed})"))
+    loop = ClosedLoop(machine, scenario_with(machine, own), sources=(), log=())
+    shown = read_what_there_is(entry.load().read_out, loop, loop.CreateDefaultContext())
+    assert [row.label for row in shown.rows] == ["time"]
+    reads_time_alone = type(entry.load()).read_out is LoopExperiment.read_out
+    assert reads_time_alone or "has no port" in shown.remarks[0]
+
+
+def test_a_person_does_not_operate_a_controller_that_hears_no_commands(named):
+    platform = next(machine for machine in list_machines() if machine.name == "levelling_platform")
+    outputs, _ = ports_of(platform)
+    sliders = named_source("posture_command", PiecewisePolynomial(np.zeros(3)))
+    sliders.shown = None  # as sources have it that a person moves
+    usual = named(f"make = {USUAL}")
+    refuse_deaf(ClosedLoop(platform, scenario_with(platform, usual), log=()))
+    own = named(PORTS.format(body=f"return Ports({outputs})"))
+    loop = ClosedLoop(platform, scenario_with(platform, own), sources=(sliders,), log=())
+    with pytest.raises(ParapodError, match="by the controller's input posture_command"):
+        refuse_deaf(loop)
