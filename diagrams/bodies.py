@@ -5,13 +5,12 @@ their axes: visuals, collision shapes, centres of mass and second moments follow
 they are known better than by stretching, centre and moments of inertia, are settings.
 """
 
-import copy
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache, lru_cache
 from typing import Any, cast
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -195,7 +194,7 @@ def link_bodies(url: str, adapt: Callable[[Element], None]) -> dict[str, Body]:
         url: file of `parapod.urdf`, as `package://parapod/...`.
         adapt: changes the file's `robot` element in place, from which the shapes are gone.
     """
-    root = copy.deepcopy(_bare_model(url))
+    root = fromstring(_bare_model(url))
     adapt(root)
     bodies = {}
     for link in root.findall("link"):
@@ -213,14 +212,14 @@ def link_bodies(url: str, adapt: Callable[[Element], None]) -> dict[str, Body]:
 
 
 @lru_cache(maxsize=16)
-def _bare_model(url: str) -> Element:
-    """The `robot` element of a file, without what is drawn or touched."""
+def _bare_model(url: str) -> bytes:
+    """A file without its shapes."""
     path = MODELS_DIR / url.removeprefix("package://parapod/")
     root = fromstring(path.read_text(encoding="utf-8"))
     for link in root.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             link.remove(shape)
-    return root
+    return tostring(root)
 
 
 def place_joints(root: Element, origins: Mapping[str, ArrayLike]) -> None:

@@ -10,7 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull  # type: ignore[import-untyped]
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
 from parapod.diagrams.levelling_platform.masses import masses_of
@@ -677,8 +676,11 @@ class PlatformDesign(Schema):
             masses.mass * np.array(masses.centre_of_mass[:2])
             + masses.arm_mass * np.array(masses.arm_base[:2])
         ) / whole
-        edges = ConvexHull(self.stance).equations
-        return float((edges[:, :2] @ centre + edges[:, 2]).max())
+        feet = self.stance
+        sides = np.roll(feet, -1, axis=0) - feet
+        outwards = np.column_stack([sides[:, 1], -sides[:, 0]])
+        outwards /= np.linalg.norm(outwards, axis=1)[:, np.newaxis]
+        return float(((centre - feet) * outwards).sum(axis=1).max())
 
     def beyond_stroke(self, share: float) -> float:
         """Extension beyond the stroke on the ground [m].

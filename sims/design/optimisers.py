@@ -69,6 +69,7 @@ def _evolve(
             vectorized=True,
             updating="deferred",
             polish=False,
+            tol=0.0,
             rng=seed,
         )
 

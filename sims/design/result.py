@@ -82,6 +82,14 @@ class SearchResult:
         return Design(number, run, settings, values)
 
     @cached_property
+    def nearest(self) -> Design | None:
+        """Design that breaks constraints least, where none holds them; None: all are refused."""
+        violations = self.scores[1]
+        if not np.isfinite(violations).any():
+            return None
+        return self._design(0, int(self.runs[int(violations.argmin())]))
+
+    @cached_property
     def compromise(self) -> Design | None:
         """Design of the front that is nearest to the best of each objective, each by its range."""
         if not self.front:
@@ -201,6 +209,11 @@ def print_result(result: SearchResult, console: Console, most: int = 12) -> None
     if rows:
         chosen = np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))
         _print(console, heads, [rows[place] for place in chosen.tolist()])
+    if not rows and (near := result.nearest) is not None:
+        values = ", ".join(f"{name} {shown(value)}" for name, value in near.values.items())
+        settings = ", ".join(f"{key}={_said(value)}" for key, value in near.settings.items())
+        console.print(Text(f"no design holds all constraints; nearest: {values}"))
+        console.print(Text(f"  with {settings}"))
     if result.compromise is not None:
         number = result.compromise.number
         console.print(Text(f"Changes by 1 % of a variable's range, at design {number}:"))

@@ -57,7 +57,7 @@ _DIRECTIONS, _TURNS = 48, 24
 # Cells along each axis of the workspace, and points along an edge of one of its faces.
 _CELLS, _EDGE = 24, 9
 # Share of the steepest ground on which rigid bodies are tried [-].
-_TRIED = 0.97
+_TRIED = 0.96
 # Leans of the arm that are looked at [rad].
 _LEANS = np.radians(np.arange(0.0, 91.0, 5.0))
 

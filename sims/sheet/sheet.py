@@ -15,7 +15,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -142,14 +142,10 @@ class Sheet[S]:
         self.wrench = self.usual_wrench if wrench is None else wrench
 
     @classmethod
-    def entries(cls) -> dict[str, Entry]:
+    def entries(cls) -> Mapping[str, Entry]:
         """Its entries by their names, in the order in which they are written."""
-        return {
-            name: part
-            for kind in reversed(cls.__mro__)
-            for name, part in vars(kind).items()
-            if isinstance(part, Entry)
-        }
+        kind: Any = cls
+        return _entries_of(kind)
 
     def value(self, name: str) -> float:
         """An entry's value.
@@ -217,6 +213,14 @@ class Sheet[S]:
         }
 
 
+@cache
+def _entries_of(kind: Any) -> Mapping[str, Entry]:
+    bases = reversed(kind.__mro__)
+    parts = (item for base in bases for item in vars(base).items())
+    return {name: part for name, part in parts if isinstance(part, Entry)}
+
+
+@cache
 def find_sheet(machine: str) -> type[Sheet[Any]]:
     """The kind of sheet of a machine, by the machine's name.
 

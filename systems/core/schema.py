@@ -257,7 +257,13 @@ def build(kind: Any, tree: Any) -> Any:
         kind = variant_of(kind, tree)
     if not is_schema(kind):
         return tree
-    return kind(**{name: build(inner, tree[name]) for name, (inner, _) in fields_of(kind).items()})
+    values = {name: build(inner, tree[name]) for name, (inner, _) in fields_of(kind).items()}
+    if not issubclass(kind, Schema) or hasattr(kind, "__post_init__"):
+        return kind(**values)
+    # Without its `__setattr__`, which would check once more what is checked.
+    whole = object.__new__(kind)
+    vars(whole).update(values)
+    return whole
 
 
 @functools.cache

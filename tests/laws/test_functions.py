@@ -61,11 +61,13 @@ ROOMS = {
 SAMPLED = {
     "levelling_platform": {
         "attitude": ATTITUDE,
+        "azimuth": near(1.0, 1.0),
         "centre_of_mass": near([0.0, 0.0, 0.2]),
         "extension": EXTENSION,
         "foot_offsets": near([0.0] * 4),
         "footing": several(Footing, EXTENSION, ATTITUDE, GROUND, near([1.0] * 4, 0.1)),
         "ground": GROUND,
+        "inclination": near(0.1, 0.05),
         "motion": several(ArmMotion, *[near([0.0] * 2, 0.1)] * 3),
         "point": near(WORKSPACE.tip_position((0.0, 0.0, 0.477))),
         "posture": near([0.0, 0.0, 0.477]),

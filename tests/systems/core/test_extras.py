@@ -9,7 +9,16 @@ import pytest
 from parapod.systems.core.errors import MissingExtra, ParapodError
 from parapod.systems.core.extras import EXTRAS, need
 
-NO_DEVICES = {"av", "distributed", "mujoco", "nidaqmx._stubs", "plotly", "pyarrow", "pygraphviz"}
+NO_DEVICES = {
+    "av",
+    "distributed",
+    "mujoco",
+    "nidaqmx._stubs",
+    "plotly",
+    "pyarrow",
+    "pygraphviz",
+    "pymoo",
+}
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 
 
