@@ -61,6 +61,9 @@ _FOLDER = "package://parapod/levelling_platform"
 _DRAKE = "{http://drake.mit.edu}"
 _LEG_LINKS = ("hip", "lower_link", "coupler", "roller", "cylinder", "rod")
 _BASE = 0.88, 0.42, 0.20  # length, width, and depth below F of the drawn base, as it collides [m]
+# Length and width of a wheel's drawn strut, and its upper end from F [m]; its lower end below the
+# axle [m]; its place inside the wheel's, by the half track [-].
+_STRUT, _BEYOND, _INSIDE = (0.05, 0.03, -0.13), 0.015, 0.75
 # Mass of the drawn roller [kg], and end stop of the drawn rod [m].
 _ROLLER, _STOP = 0.5, 0.38
 # Damping of a rod by its stiffness [s], and stiffness of the reduced leg's crank by that of the
@@ -207,6 +210,19 @@ def add_base(parser: Parser, structure: PlatformStructure) -> Frame:
 def fit_base(structure: PlatformStructure, root: Element) -> None:
     """Gives the model of the base the dimensions of a platform's."""
     fit_link(root, "base", structure.stretch, structure.links.get("base"))
+    # Struts reach from the hull to the axles, wherever these are.
+    wheels, usual = structure.wheels, WheelGeometry()
+    top, width = structure.stretch[2] * _STRUT[2], wheels.radius / usual.radius
+    end = min(wheels.height - _BEYOND * width, top - _BEYOND * width)
+    struts = [v for v in root.findall("link/visual") if v.get("name", "").startswith("strut")]
+    for strut in struts:
+        origin, box = strut.find("origin"), strut.find("geometry/box")
+        assert origin is not None
+        assert box is not None
+        x, y = (float(number) for number in origin.get("xyz", "").split()[:2])
+        along, across = math.copysign(wheels.half_base, x), math.copysign(wheels.half_track, y)
+        place_element(origin, "xyz", (along, _INSIDE * across, 0.5 * (top + end)))
+        place_element(box, "size", (_STRUT[0] * width, _STRUT[1] * width, top - end))
 
 
 def fit_wheel(structure: PlatformStructure, root: Element) -> None:

@@ -181,7 +181,7 @@ class SearchResult:
         goals = [goal.name for goal in self.search.goals]
         others = [name for name in self.search.names if name not in goals]
         keys = [variable.key for variable in self.search.plan.variables]
-        heads = ["N", *goals, *others, *keys]
+        heads = ["design", *goals, *others, *map(_last, keys)]
         rows = [
             [
                 str(design.number),
@@ -193,23 +193,21 @@ class SearchResult:
         return heads, rows
 
 
-def print_result(result: SearchResult, console: Console, most: int = 12) -> None:
-    """Prints the front, sensitivities and refusals.
-
-    Args:
-        result: the outcome.
-        console: console to print on.
-        most: number of designs of the front that are printed.
-    """
+def print_result(result: SearchResult, console: Console) -> None:
+    """Prints as many designs of the front as fit, sensitivities and refusals."""
     designs, held = int(result.records.done.sum()), int(result.admissible.sum())
     refused = len(result.records.errors)
     counts = f"{held} admissible, {refused} refused, {len(result.front)} in front"
     console.print(Text(f"{designs} designs: {counts}"))
     heads, rows = result.columns()
     if rows:
-        chosen = np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))
-        _print(console, heads, [rows[place] for place in chosen.tolist()])
-    if not rows and (near := result.nearest) is not None:
+        room = console.width - max(map(len, heads)) - 4
+        most = max(1, room // (3 + max(len(cell) for row in rows for cell in row)))
+        even = np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int)
+        chosen = [rows[place] for place in np.unique(even).tolist()]
+        table = list(zip(heads, *chosen, strict=True))
+        _print(console, table[0], table[1:])
+    elif (near := result.nearest) is not None:
         values = ", ".join(f"{name} {shown(value)}" for name, value in near.values.items())
         settings = ", ".join(f"{key}={_said(value)}" for key, value in near.settings.items())
         console.print(Text(f"no design holds all constraints; nearest: {values}"))
@@ -218,25 +216,28 @@ def print_result(result: SearchResult, console: Console, most: int = 12) -> None
         number = result.compromise.number
         console.print(Text(f"Changes by 1 % of a variable's range, at design {number}:"))
         names = list(result.search.names)
-        _print(
-            console,
-            ["variable", *names],
-            [
-                [key, *(f"{row[name]:+.3g}" for name in names)]
-                for key, row in result.sensitivities.items()
-            ],
-        )
+        rows = [
+            [_last(key), *(f"{row[name]:+.3g}" for name in names)]
+            for key, row in result.sensitivities.items()
+        ]
+        _print(console, ["", *names], rows)
     for reason, count in result.refusals:
         console.print(Text(f"{count} refused: {reason}", style="dim"))
 
 
 def _print(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    grid = Grid(box=SIMPLE_HEAD)
+    grid = Grid(box=SIMPLE_HEAD, padding=(0, 1))
     for place, head in enumerate(heads):
-        grid.add_column(head.rpartition(".")[2], justify="right" if place else "left")
+        justify: Any = "right" if place else "left"
+        grid.add_column(Text(head, overflow="fold"), justify=justify, no_wrap=not place)
     for row in rows:
         grid.add_row(*row)
     console.print(grid)
+
+
+def _last(key: str) -> str:
+    """Last parts of a key, which tell it from others."""
+    return ".".join(key.split(".")[-2:])
 
 
 def _slopes(values: Mapping[float, Mapping[str, float]]) -> dict[str, float]:

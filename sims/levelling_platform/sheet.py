@@ -58,6 +58,7 @@ _DIRECTIONS, _TURNS = 48, 24
 _CELLS, _EDGE = 24, 9
 # Share of the steepest ground on which rigid bodies are tried [-].
 _TRIED = 0.96
+_LONG_WAY = 20.0  # time after which it is level on that ground [s]
 # Leans of the arm that are looked at [rad].
 _LEANS = np.radians(np.arange(0.0, 91.0, 5.0))
 
@@ -433,6 +434,9 @@ class PlatformSheet(Sheet[LevellingScenario]):
             "ground.roll_deg": roll,
             "ground.pitch_deg": pitch,
             "job.height_mm": 1e3 * float(np.mean(self._heights(ground))),
+            # The way is long, and leaves no stroke for other postures.
+            "job.settled_after": _LONG_WAY,
+            "job.waypoints": [],
         }
         yield Demonstration(
             "level_range_deg", settings, f"on ground of {math.degrees(steep):.3g} deg"
