@@ -551,12 +551,15 @@ class PlatformDesign(Schema):
     @property
     def supervisor(self) -> SupervisorParams:
         """Extensions and rates of the supervised operation."""
-        fastest = self.actuators.max_speed
+        fastest, usual, size = self.actuators.max_speed, SupervisorParams(), self.size
         return SupervisorParams(
             raised=self.raised,
             clear=self.beyond_stroke(_CLEAR),
             lowering_rate=_LOWERING * fastest,
             raising_rate=_RAISING * fastest,
+            touched=usual.touched * size,
+            arrived=usual.arrived * size,
+            clearance=usual.clearance * size,
         )
 
     @property

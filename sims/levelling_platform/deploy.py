@@ -84,8 +84,8 @@ _PAPER = (0.2, 0.2, 2.0)
 _NOT_HELD = "the platform held no posture"
 _LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
 _CLEARANCE = 20.0  # clearance of the wheels while the platform works [mm]
-# A command that jumps is one that changes by more than this in a period [V].
-_VOLTAGE_STEP = 0.5
+# A command that jumps is one that changes in a period by more than this share of the supply [-].
+_VOLTAGE_STEP = 0.5 / 12.0
 
 
 def uneven_ground() -> GroundScenario:
@@ -548,7 +548,7 @@ def _smoothness(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             "largest_voltage_step_V",
             float(np.abs(np.diff(signals["legs.voltage"], axis=0)).max()),
             "V",
-            _VOLTAGE_STEP,
+            _VOLTAGE_STEP * scenario.machine.actuators.supply_voltage,
             meaning="largest change of a command from one period to the next",
         ),
         Metric(

@@ -25,7 +25,7 @@ from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 
-_BOUNDS = (0.02, 0.1)
+_ANGLE_BOUND, _HEIGHT_BOUND = 0.02, 0.1
 # Errors that the paper found: in its co-simulation, and between its model and its prototype.
 _SIMULATED = (0.07, 0.07, 0.3)
 _MEASURED = (0.2, 0.1, 1.0)
@@ -88,7 +88,7 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
     def measure(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Metric]:
         """Largest differences, beside what the paper found."""
         for case, prefix, bounds, paper, legs in (
-            (data.drawn, "", _BOUNDS, _SIMULATED, "as drawn, on a slope"),
+            (data.drawn, "", _bounds(scenario), _SIMULATED, "as drawn, on a slope"),
             (data.built, "perturbed_", (None, None), _MEASURED, "as built, on a floor"),
         ):
             condition = f"of the model against the plant, legs {legs}"
@@ -97,7 +97,7 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
     def draw(self, scenario: LevellingScenario, data: Comparisons) -> Iterator[Figure]:
         """Postures of both (Figs. 8 to 11)."""
         for case, name, legs, bounds in (
-            (data.drawn, "fig08_09", "as drawn, on a slope", _BOUNDS),
+            (data.drawn, "fig08_09", "as drawn, on a slope", _bounds(scenario)),
             (data.built, "fig10_11", "as built, on a floor", (None, None)),
         ):
             lines = {"multibody plant": case.truth, "kinematic model": case.model}
@@ -107,6 +107,11 @@ class ValidateKinematics(LevellingExperiment[Comparisons]):
             title = f"Model and plant, legs {legs}"
             reference = "multibody plant"
             yield posture_figure(name, title, caption, case.time, lines, reference, bounds=bounds)
+
+
+def _bounds(scenario: LevellingScenario) -> tuple[float, float]:
+    """Largest differences of angles [deg] and of the height [mm]."""
+    return _ANGLE_BOUND, _HEIGHT_BOUND * scenario.machine.size
 
 
 def _compare(scenario: LevellingScenario, run: Run) -> Comparison:

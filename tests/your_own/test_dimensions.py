@@ -8,24 +8,25 @@ import pytest
 from parapod.sims.cli.main import main
 
 MACHINES = Path(__file__).parents[2] / "examples" / "machines"
-# Job of each machine, and what is set beside it.
-JOBS = {
-    "large_platform": ("level", ()),
-    "childs_chair": (
+# Jobs of each machine, and what is set beside it.
+JOBS = [
+    ("large_platform", "level", ()),
+    ("large_platform", "deploy", ("backend=kinematic",)),
+    (
+        "childs_chair",
         "chair-walk",
         ("passenger.mass_kg=25", "passenger.height_mm=260", "passenger.gyration_mm=190"),
     ),
-    "five_limbs": ("centre-machining", ()),
-}
+    ("five_limbs", "centre-machining", ()),
+]
 
 
 def test_every_file_has_a_job():
-    assert {path.stem for path in MACHINES.glob("*.yaml")} == set(JOBS)
+    assert {path.stem for path in MACHINES.glob("*.yaml")} == {name for name, *_ in JOBS}
 
 
-@pytest.mark.parametrize("name", JOBS)
-def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, tmp_path):
-    job, settings = JOBS[name]
+@pytest.mark.parametrize(("name", "job", "settings"), JOBS)
+def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, job, settings, tmp_path):
     options = ["--machine", str(MACHINES / f"{name}.yaml"), "--json", str(tmp_path / "job.json")]
     if settings:
         options += ["--set", *settings]

@@ -263,7 +263,7 @@ def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]
         "lift_height_error_mm",
         1e3 * height - 1e3 * scenario.height,
         "mm",
-        HEIGHT_BOUND,
+        HEIGHT_BOUND * scenario.machine.size,
         meaning="error of the height when the arm begins to swing, by the encoders",
     )
     until = data.between(times.lift, times.swing)
