@@ -122,6 +122,11 @@ class PlatformStructure:
         return dict(self.bodies)
 
     @property
+    def ground_size(self) -> int:
+        """Factor by which the slab under it is larger than the drawn one [-]."""
+        return math.ceil(max(1.0, *self.stretch[:2]) - 1e-9)
+
+    @property
     def underside(self) -> NDArray[np.float64]:
         """Corners (4, 3) of the drawn base that are nearest to the ground, from F [m]."""
         along, across = (0.5 * side for side in _BASE[:2])
@@ -180,7 +185,7 @@ def add_platform(
     axles = _add_wheels(parser, base, structure)
     add_arm(parser, base, structure)
     _fix_wheels(plant, axles, wheels)
-    slab = add_ground(parser, math.ceil(max(1.0, *structure.stretch[:2]) - 1e-9))
+    slab = add_ground(parser, structure.ground_size)
     X_WG = ground_pose(ground, foot_offsets)
     ground_mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
     plant.WeldFrames(ground_mount, plant.GetFrameByName("ground", slab))

@@ -91,19 +91,25 @@ def _refuse(key: str, value: float, why: str) -> None:
     raise ScenarioError(f"{key} = {value:g} s is {why} s", key)
 
 
+# Places of camera and of what it looks at, by the machine's size [m].
+_CAMERA, _TARGET = (1.5, -5.4, 1.2), (0.25, 0.0, 1.0)
+
+
 def make_scene(scenario: LevellingScenario) -> Meshcat:
     """A scene in which the ground's slope shows against a horizontal floor."""
-    meshcat = make_viewer(camera=(1.5, -5.4, 1.2), target=(0.25, 0.0, 1.0))
+    size, slab = scenario.machine.size, scenario.machine.structure.ground_size
+    camera, target = ((size * np.array(place)).tolist() for place in (_CAMERA, _TARGET))
+    meshcat = make_viewer(camera, target)
     R_WG = RollPitchYaw(*scenario.ground.inclination, 0.0).ToRotationMatrix()
     # Under the slab of `ground.urdf`, which is 2.6 m by 2.2 m and 0.04 m thick.
-    rim = np.array([(-1.3, -1.1), (1.3, -1.1), (1.3, 1.1), (-1.3, 1.1)])
+    rim = slab * np.array([(-1.3, -1.1), (1.3, -1.1), (1.3, 1.1), (-1.3, 1.1)])
     top = R_WG @ np.column_stack([rim, np.full(4, -0.04)]).T
     floor = top[2].min() - 0.05
     vertices = np.hstack([top, np.vstack([top[:2], np.full(4, floor)])])
     sides = [(i, 4 + i, 4 + (i + 1) % 4) for i in range(4)]
     sides += [(i, 4 + (i + 1) % 4, (i + 1) % 4) for i in range(4)]
     meshcat.SetTriangleMesh("/ground", vertices, np.array(sides).T, Rgba(0.50, 0.46, 0.41))
-    meshcat.SetObject("/floor", Cylinder(4.5, 0.02), Rgba(0.86, 0.89, 0.91))
+    meshcat.SetObject("/floor", Cylinder(4.5 * slab, 0.02), Rgba(0.86, 0.89, 0.91))
     meshcat.SetTransform("/floor", RigidTransform(np.array([0.0, 0.0, floor - 0.01])))
     return meshcat
 
