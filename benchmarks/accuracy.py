@@ -6,9 +6,9 @@ from rich.console import Console
 
 from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,

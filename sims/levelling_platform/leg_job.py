@@ -14,9 +14,10 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
 from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.levelling_platform.design import PlatformDesign, SensorScenario
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.leg_control import make_leg_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     ControlScenario,
     GroundScenario,

@@ -7,9 +7,9 @@ from pydrake.systems.framework import LeafSystem
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import longest_period, make_controller
-from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,

@@ -9,9 +9,9 @@ from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
-from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.geometry import SceneGraph
 
-from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.model import DRAWN
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.statics import resting_posture

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.levelling_platform.design import PlatformDesign, SensorScenario
+from parapod.diagrams.levelling_platform.design import PlatformDesign
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     ControlScenario,
     GroundScenario,

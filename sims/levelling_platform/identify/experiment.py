@@ -37,11 +37,9 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
-from parapod.diagrams.levelling_platform.design import (
-    ActuatorScenario,
-    PlatformDesign,
-)
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.parts import ActuatorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     BODIES,
     SIMULATED,

@@ -5,8 +5,8 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.diagrams.levelling_platform.design import SensorScenario
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import PlantScenario
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
