@@ -44,6 +44,8 @@ def is_published(machine: Any) -> bool:
         machine: the part `machine` of a scenario.
     """
     usual = _published(machine)
+    if any(getattr(part, "urdf", "") for _, part, _ in _parts(machine, usual, "machine")):
+        return False
     return (machine.geometry, machine.bodies) == (usual.geometry, usual.bodies)
 
 

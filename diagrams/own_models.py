@@ -1,5 +1,6 @@
 """Models of a user's own: files of a CAD program, their frames and joints checked by name."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import quoted
+from parapod.systems.core.quoting import quoted, quoted_path
 from parapod.urdf import MODELS_DIR, configure_parser
 
 
@@ -69,14 +70,42 @@ def parse_model(plant: MultibodyPlant, urdf: str, key: str) -> ModelInstanceInde
     configure_parser(parser)
     parser.SetAutoRenaming(True)
     add = _reader(parser, urdf, key)
+    warnings: list[str] = []
+    listening = _Listening(warnings)
     try:
-        models = add()
+        with listening:
+            models = add()
     except RuntimeError as error:
         words = " ".join(str(error).split())
         raise ScenarioError(f"{key} = {quoted(urdf)} cannot be read: {words}", key) from None
+    # Drake warns, and goes on with a body of 1 kg.
+    if wrong := next((line for line in warnings if "inertia" in line), ""):
+        place = wrong.partition(" warning:")[0].rstrip(":")
+        raise ScenarioError(
+            f"{key} = {quoted(urdf)} has an inertia of no body, at {quoted_path(place)}: mass "
+            "must be above 0, and no principal moment larger than the sum of the others",
+            key,
+        )
     if len(models) != 1:
         raise ScenarioError(f"{key} = {quoted(urdf)} must have one model, not {len(models)}", key)
     return models[0]
+
+
+class _Listening(logging.Handler):
+    """Takes Drake's warnings while it reads a file, instead of the terminal."""
+
+    def __init__(self, lines: list[str]):
+        super().__init__(logging.WARNING)
+        self._lines, self._log = lines, logging.getLogger("drake")
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._lines.append(record.getMessage())
+
+    def __enter__(self) -> None:
+        self._log.addHandler(self)
+
+    def __exit__(self, *error: object) -> None:
+        self._log.removeHandler(self)
 
 
 def _reader(parser: Parser, urdf: str, key: str) -> Callable[[], Sequence[ModelInstanceIndex]]:

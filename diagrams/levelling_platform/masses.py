@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -79,7 +80,7 @@ def _base(structure: PlatformStructure) -> _Part:
 
 @functools.lru_cache(maxsize=16)
 def _own_base(own: OwnModel) -> _Part:
-    plant, parser = _plant()
+    plant, parser, _scene_graph = _plant()
     frame = add_base(parser, PlatformStructure(base=own))
     plant.WeldFrames(plant.world_frame(), frame)
     plant.Finalize()
@@ -145,7 +146,7 @@ def _weigh(body: Body, X_FL: RigidTransform | None = None) -> _Part:
 @functools.lru_cache(maxsize=64)
 def _arm(structure: PlatformStructure) -> tuple[_Part, dict[str, Any]]:
     """Parts of the arm that do not swing, about F; fields of the masses for those that do."""
-    plant, parser = _plant()
+    plant, parser, _scene_graph = _plant()
     world = plant.world_frame()
     instance, _ = add_arm(parser, world, structure)
     plant.Finalize()
@@ -176,11 +177,13 @@ def _arm(structure: PlatformStructure) -> tuple[_Part, dict[str, Any]]:
     return _Part(standing.get_mass(), standing.get_mass() * standing.get_com()), fields
 
 
-def _plant() -> tuple[MultibodyPlant, Parser]:
-    plant = MultibodyPlant(time_step=0.0)
+def _plant() -> tuple[MultibodyPlant, Parser, SceneGraph]:
+    """A plant that reads shapes too, so that meshes that are missing are told."""
+    plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
     parser = Parser(plant)
     configure_parser(parser)
-    return plant, parser
+    return plant, parser, scene_graph
 
 
 def _check_axes(

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.main import main
+from parapod.systems.core.scenario_file import load_scenario
 
 MACHINES = Path(__file__).parents[2] / "examples" / "machines"
 # Jobs of each machine, and what is set beside it.
@@ -65,3 +67,54 @@ def test_a_platform_that_cannot_be_is_refused_in_one_line(setting, words, capsys
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
     assert not result.exists()
+
+
+DECK = """<?xml version="1.0"?>
+<robot name="deck">
+  <link name="deck">
+    <inertial>
+      <origin xyz="0 0 -0.05"/>
+      <mass value="32"/>
+      <inertia ixx="1.2" ixy="0" ixz="0" iyy="2.9" iyz="0" izz="3.9"/>
+    </inertial>
+    <visual>
+      <origin xyz="0 0 -0.05"/>
+      <geometry><box size="0.9 0.5 0.1"/></geometry>
+    </visual>
+  </link>
+</robot>
+"""
+
+
+def run_with_deck(folder, text=DECK, frame="deck"):
+    """Exit code of a run of the platform with a base from a file."""
+    (folder / "deck.urdf").write_text(text)
+    (folder / "mine.yaml").write_text(f"base: {{urdf: deck.urdf, frame: {frame}}}\n")
+    options = ["--machine", str(folder / "mine.yaml"), "--json", str(folder / "level.json")]
+    return main(["run", "level", "--backend", "kinematic", *options])
+
+
+def test_a_base_from_a_file_is_weighed_and_is_not_the_papers(tmp_path, capsys):
+    assert run_with_deck(tmp_path) == 0
+    assert "paper" not in capsys.readouterr().out
+    design = load_scenario(LevellingScenario, machine=tmp_path / "mine.yaml").machine
+    usual = LevellingScenario().machine
+    assert design.masses.mass - usual.masses.mass == pytest.approx(32.0 - 27.9)
+
+
+@pytest.mark.parametrize(
+    ("text", "frame", "words"),
+    [
+        (DECK, "top", "machine.base.frame = 'top' is not a link of"),
+        (DECK.replace('value="32"', 'value="0"'), "deck", "mass must be above 0"),
+        (DECK.replace('ixx="1.2"', 'ixx="9"'), "deck", "has an inertia of no body"),
+        (DECK.replace('<box size="0.9 0.5 0.1"/>', '<mesh filename="gone.obj"/>'), "deck",
+         "gone.obj' which does not exist"),
+        (DECK.replace("</robot>", ""), "deck", "machine.base.urdf = "),
+    ],
+)  # fmt: skip
+def test_a_base_that_cannot_be_is_refused_in_one_line(text, frame, words, tmp_path, capsys):
+    assert run_with_deck(tmp_path, text, frame) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert not (tmp_path / "level.json").exists()
