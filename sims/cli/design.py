@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 from parapod.sims.cli.arguments import (
     BROKEN,
     HELD,
-    UsageError,
-    add_print_options,
     add_scenario_arguments,
     check_outputs,
     count,
     load,
     print_of,
 )
-from parapod.sims.cli.study import crew_of
+from parapod.sims.cli.crew import add_crew_options, carry_out, check_crew_options
 
 if TYPE_CHECKING:
     from parapod.sims.design.result import Design, SearchResult
@@ -65,18 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--search-seed", type=int, default=0, metavar="N", help="seed of the search; default 0"
     )
-    parser.add_argument(
-        "--workers", type=count, metavar="N", help="processes on this computer; default all cores"
-    )
-    parser.add_argument(
-        "--cluster", metavar="ADDRESS", help="Dask scheduler whose workers do it instead"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="append the designs to FILE, a Parquet table"
-    )
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with FILE: work out what is missing"
-    )
+    add_crew_options(parser, "designs")
     parser.add_argument(
         "--pick", type=count, metavar="N", help="design of the front for --into; default its "
         "compromise"
@@ -89,8 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="run that machine with rigid bodies, and show it beside what was predicted",
     )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw the figures into DIR")
-    add_print_options(parser, has_format=True)
     for option, what in _OUTPUTS.items():
         parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
 
@@ -100,19 +85,12 @@ def execute(arguments: argparse.Namespace) -> int:
     files = {option: getattr(arguments, option) for option in (*_OUTPUTS, "out", "into")}
     check_outputs(files, {"figures": arguments.figures})
     print_of(arguments, arguments.figure_format)  # refused before the search
-    if arguments.resume and arguments.out is None:
-        raise UsageError("--resume goes on with a file: name it with --out")
-    if arguments.workers and arguments.cluster:
-        raise UsageError("--workers are processes of this computer, --cluster has its own")
+    check_crew_options(arguments)
     experiment, scenario = load(arguments)
-
-    from rich.console import Console
 
     from parapod.sims.design.goals import Goal, Hold
     from parapod.sims.design.result import SearchResult
     from parapod.sims.design.search import Search
-    from parapod.sims.study.file import check_path
-    from parapod.sims.study.records import Records
     from parapod.sims.study.variables import split_variable
 
     goals = [Goal(name, -1.0) for name in arguments.maximise]
@@ -127,19 +105,7 @@ def execute(arguments: argparse.Namespace) -> int:
         arguments.population,
         arguments.search_seed,
     )
-    if arguments.out is not None:
-        check_path(arguments.out)
-    records, is_over = Records(search.plan), False
-    try:
-        with crew_of(arguments) as crew:
-            console = Console(stderr=True)
-            search.carry_out(crew, records, console, arguments.out, arguments.resume)
-        is_over = True
-    finally:
-        if not is_over and arguments.out is not None and records.done.any():
-            words = f"{records.done.sum()} designs are in {arguments.out}"
-            print(f"parapod: {words}; --resume does the rest", file=sys.stderr)
-    result = SearchResult(search, records)
+    result = SearchResult(search, carry_out(search, arguments, "designs"))
     _show(result, arguments)
     if not result.front:
         return BROKEN

@@ -9,16 +9,15 @@ from parapod.sims.cli.arguments import (
     BROKEN,
     HELD,
     UsageError,
-    add_print_options,
     add_scenario_arguments,
     check_outputs,
     count,
     load,
     print_of,
 )
+from parapod.sims.cli.crew import add_crew_options, carry_out, check_crew_options
 
 if TYPE_CHECKING:
-    from parapod.sims.lab.work import Crew
     from parapod.sims.study.result import StudyResult
 
 HELP = "run an experiment over values of some keys, on all cores"
@@ -65,20 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampling-seed", type=int, default=0, metavar="N", help="seed of the sampling; default 0"
     )
-    parser.add_argument(
-        "--workers", type=count, metavar="N", help="processes on this computer; default all cores"
-    )
-    parser.add_argument(
-        "--cluster", metavar="ADDRESS", help="Dask scheduler whose workers do it instead"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="append the runs to FILE, a Parquet table"
-    )
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with FILE: do only the runs that are missing"
-    )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw the figures into DIR")
-    add_print_options(parser, has_format=True)
+    add_crew_options(parser, "runs")
     for option, what in _OUTPUTS.items():
         parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
 
@@ -88,18 +74,9 @@ def execute(arguments: argparse.Namespace) -> int:
     files = {option: getattr(arguments, option) for option in (*_OUTPUTS, "out")}
     check_outputs(files, {"figures": arguments.figures})
     print_of(arguments, arguments.figure_format)  # refused before the study
-    if arguments.drivers is not None:
-        raise UsageError("--drivers is for hardware; a study simulates")
-    if arguments.resume and arguments.out is None:
-        raise UsageError("--resume goes on with a file: name it with --out")
-    if arguments.workers and arguments.cluster:
-        raise UsageError("--workers are processes of this computer, --cluster has its own")
+    check_crew_options(arguments)
     _, scenario = load(arguments)
 
-    from rich.console import Console
-
-    from parapod.sims.study.file import check_path
-    from parapod.sims.study.records import Records
     from parapod.sims.study.result import StudyResult
     from parapod.sims.study.study import Study
     from parapod.sims.study.variables import split_variable
@@ -116,31 +93,8 @@ def execute(arguments: argparse.Namespace) -> int:
         arguments.runs,
         arguments.sampling_seed,
     )
-    if arguments.out is not None:
-        check_path(arguments.out)
-    records = Records(study.sampling)
-    is_over = False
-    try:
-        with crew_of(arguments) as crew:
-            console = Console(stderr=True)
-            study.carry_out(crew, records, console, arguments.out, arguments.resume)
-        is_over = True
-    finally:
-        if not is_over and arguments.out is not None and records.done.any():
-            progress = f"{records.done.sum()} of {study.sampling.runs} runs are in {arguments.out}"
-            print(f"parapod: {progress}; --resume does the rest", file=sys.stderr)
+    records = carry_out(study, arguments, "runs")
     return _show(StudyResult(study, records), arguments)
-
-
-def crew_of(arguments: argparse.Namespace) -> "Crew":
-    """The crew that `--workers` or `--cluster` ask for."""
-    if arguments.cluster is not None:
-        from parapod.sims.study.cluster import ClusterCrew
-
-        return ClusterCrew(arguments.cluster)
-    from parapod.sims.lab.work import LocalCrew
-
-    return LocalCrew(arguments.workers)
 
 
 def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:

@@ -158,6 +158,11 @@ class Search:
         return search
 
     @property
+    def sampling(self) -> Plan:
+        """Its designs, as those of a study."""
+        return self.plan
+
+    @property
     def sheet(self) -> type[Sheet[Any]]:
         """The kind of data sheet of the machine."""
         experiment = self.entry.load()
