@@ -8,6 +8,9 @@ import numpy as np
 
 from parapod.systems.core.errors import ScenarioError
 
+# Depth of the wheels in the ground in the lowest posture that is rounding [m].
+_ROUNDED = 1e-3
+
 # Key of the machine's that is to blame, and why.
 type Refusal = tuple[str, str]
 
@@ -22,7 +25,7 @@ def check_platform(design: Any) -> None:
         ScenarioError: names the key, and the admissible values.
     """
     rules: tuple[Callable[[Any], Iterator[Refusal]], ...] = (
-        _crossed, _stopped, _flat, _grounded, _tipped, _weak,
+        _crossed, _stopped, _flat, _grounded, _on_wheels, _tipped, _weak,
     )  # fmt: skip
     for rule in rules:
         for key, reason in rule(design):
@@ -90,6 +93,21 @@ def _grounded(design: Any) -> Iterator[Refusal]:
             (
                 f"its base touches the ground: in the lowest posture F is {1e3 * lowest:.0f} mm "
                 f"high; it must be more than {1e3 * depth:.0f} mm"
+            ),
+        )
+
+
+def _on_wheels(design: Any) -> Iterator[Refusal]:
+    """Wheels that touch the ground before the legs have lowered the platform."""
+    lowest, wheels = design.level_heights[0], design.wheel_geometry
+    if lowest + wheels.height - wheels.radius < -_ROUNDED:
+        yield (
+            "machine.wheels.depth_mm",
+            (
+                f"its wheels touch the ground before its legs have lowered it: with the lowest "
+                f"posture {1e3 * lowest:.0f} mm high they must be "
+                f"{1e3 * (lowest - wheels.radius):.0f} mm deep at most, not "
+                f"{-1e3 * wheels.height:.0f} mm"
             ),
         )
 

@@ -276,6 +276,7 @@ class CentreScenario(Schema):
             ),
             speeds=replace(self.motion.speeds, leg=1e-3 * design.legs.max_velocity_mm_s),
             lift=1e-3 * walk.lift_mm,
+            drift=Job.drift * geometry.size,
             least_sigma=walk.least_sigma,
         )
         advance, heading = 1e-3 * walk.advance_mm, math.radians(walk.direction_deg)

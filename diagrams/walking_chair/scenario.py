@@ -63,7 +63,8 @@ class GaitScenario(Schema):
             of each 300 of the actuators' stroke.
         step_mm: S_0, length of a step [mm]; null: 102.7 of each 300 of the stroke.
         swing_height_mm: H, height of the feet's swing [mm]; null: a third of the stroke.
-        phase_duration: T_m, duration of each phase: lift, swing, shift, swing, lowering [s].
+        phase_duration: T_m, duration of each phase: lift, swing, shift, swing, lowering [s]; null:
+            5 s, or as much more as the stroke is longer than the paper's, whose speeds remain.
     """
 
     order: str = choice("13-24", tuple(ORDERS))
@@ -73,7 +74,7 @@ class GaitScenario(Schema):
     lift_mm: float | None = quantity(None, 0.1, 5000.0)
     step_mm: float | None = quantity(None, 0.1, 5000.0)
     swing_height_mm: float | None = quantity(None, 0.1, 5000.0)
-    phase_duration: float = quantity(5.0, 0.5, 60.0)
+    phase_duration: float | None = quantity(None, 0.5, 60.0)
 
     def walk_of(self, leg: LegGeometry) -> Walk:
         """The gaits in SI units.
@@ -81,7 +82,7 @@ class GaitScenario(Schema):
         Args:
             leg: legs that walk; theirs are the sizes that are not set.
         """
-        usual, size = TrotGait(), leg.stroke / LegGeometry().stroke
+        usual, size, duration = TrotGait(), leg.size, self.phase_duration
         sizes = (self.lift_mm, usual.lift), (self.step_mm, usual.step)
         lift, step, height = (
             size * of_paper if own_mm is None else 1e-3 * own_mm
@@ -94,7 +95,7 @@ class GaitScenario(Schema):
             lift=lift,
             step=step,
             swing_height=height,
-            phase_duration=self.phase_duration,
+            phase_duration=duration or max(1.0, size) * usual.phase_duration,
             body_law=self.body_law,
         )
         return there_and_back(gait) if self.way == "forward and back" else Walk((gait,))

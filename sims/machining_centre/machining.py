@@ -26,9 +26,10 @@ from parapod.systems.machining_centre.sequence import Phase
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Bounds of the tip's error, root mean square, without load and with it [mm].
+# Bounds of the tip's error, root mean square, without load and with it, and of the depth's, of the
+# paper's centre [mm].
 _FREE, _LOADED = 0.3, 0.5
-_DEPTH = 0.1  # [mm]
+_DEPTH = 0.1
 # The material is felt from this thrust on [N].
 _FELT = 1.0
 
@@ -65,12 +66,12 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
     machining = run["phase"][:, 0] == Phase.MACHINING
     loaded = machining & (run["tool.force"][:, 0] > _FELT)
     tip, angle = tip_errors(scenario.plan.job.process, run)
-    has_thrust = scenario.process.thrust_N > 0.0
+    size, has_thrust = scenario.machine.geometry.size, scenario.process.thrust_N > 0.0
     yield Metric(
         "position_error_mm",
         1e3 * rms(tip[machining]),
         "mm",
-        _LOADED if has_thrust else _FREE,
+        size * (_LOADED if has_thrust else _FREE),
         meaning="error of the drill's tip, root mean square while machining",
         undefined="the drill did not machine",
     )
@@ -78,7 +79,7 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         "position_error_free_mm",
         1e3 * rms(tip[machining & ~loaded]),
         "mm",
-        _FREE,
+        size * _FREE,
         meaning="error of the drill's tip, root mean square outside the material",
         undefined="the drill was always in the material",
     )
@@ -103,7 +104,7 @@ def _errors(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             "depth_error_mm",
             1e3 * (deepest - depth),
             "mm",
-            _DEPTH,
+            size * _DEPTH,
             meaning="depth error of the deepest hole, along the panel's normal",
         )
         holes = len(scenario.plan.job.operations)
@@ -123,6 +124,7 @@ def _draw(scenario: CentreScenario, run: Run, canvas: "Canvas") -> None:
     axes[0, 0].plot(run.time, 1e3 * tip, color=COLOURS[0])
     axes[0, 0].set(ylabel="error of the tip [mm]", ylim=(0.0, None))
     bound = _LOADED if scenario.process.thrust_N > 0.0 else _FREE
+    bound *= scenario.machine.geometry.size
     draw_bound(axes[0, 0], bound, "bound of the root mean square")
     axes[0, 1].plot(run.time, run["tool.force"][:, 0], color=COLOURS[1])
     axes[0, 1].set_ylabel("thrust [N]")

@@ -40,9 +40,9 @@ from parapod.systems.machining_centre.sequence import Phase
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-_FOOT, _DRIFT, _JUMP = 1.0, 0.1, 0.1  # [mm, mrad, mm]
-_MACHINED = 0.5  # [mm]
-# Largest distance of the feet from their way, in sum over all steps [mm].
+# Bounds of the paper's centre; those in mm go with its size [mm, mrad, mm, mm].
+_FOOT, _DRIFT, _JUMP, _MACHINED = 1.0, 0.1, 0.1, 0.5
+# Largest distance of its feet from their way, in sum over all steps [mm].
 _SHORT = 1.0
 # Time after a clamp has closed in which its foot might jump [s].
 _AFTER = 1.0
@@ -78,19 +78,19 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
     travelled = panel.place(feet[-1, :, :3]) - panel.place(plan.beginning.feet[:, :3])
     shift = np.array(plan.shift)
     walked = travelled[:, :2] @ shift / np.linalg.norm(shift)
-    whole = scenario.stop_at is None
+    whole, size = scenario.stop_at is None, scenario.machine.geometry.size
     yield Metric(
         "walked_mm",
         1e3 * float(walked.min()),
         "mm",
-        at_least=scenario.walk.advance_mm - _SHORT if whole else None,
+        at_least=scenario.walk.advance_mm - size * _SHORT if whole else None,
         meaning="smallest advance of any foot, in the direction of the walk",
     )
     yield Metric(
         "foot_error_mm",
         1e3 * _foot_error(scenario, run, feet),
         "mm",
-        _FOOT,
+        size * _FOOT,
         meaning="largest distance of a clamped foot from its foothold of the plan",
     )
     drift, jump, sink = _switched(run, feet)
@@ -105,7 +105,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
         "clamp_jump_mm",
         1e3 * jump,
         "mm",
-        _JUMP,
+        size * _JUMP,
         meaning=f"largest way of a foot in the {_AFTER:g} s after its clamp has closed",
     )
     yield Metric(
@@ -129,7 +129,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
                 "position_error_mm",
                 1e3 * rms(tip[after]),
                 "mm",
-                _MACHINED,
+                size * _MACHINED,
                 meaning="error of the drill's tip after the walk, by the known footholds",
             )
         first = machining & ~after
@@ -137,7 +137,7 @@ def _walk_metrics(scenario: CentreScenario, run: Run) -> Iterator[Metric]:
             "position_error_before_mm",
             1e3 * rms(tip[first]),
             "mm",
-            _MACHINED,
+            size * _MACHINED,
             meaning="error of the drill's tip before the walk",
         )
 
@@ -198,7 +198,8 @@ def _draw(scenario: CentreScenario, run: Run, canvas: "Canvas") -> None:
     tip, _ = tip_errors(scenario.plan.job.process, run)
     axes[1, 0].plot(run.time, 1e3 * tip, color=COLOURS[0])
     axes[1, 0].set(ylabel="error of the tip [mm]", ylim=(0.0, None))
-    draw_bound(axes[1, 0], _MACHINED, "bound of the root mean square")
+    bound = scenario.machine.geometry.size * _MACHINED
+    draw_bound(axes[1, 0], bound, "bound of the root mean square")
     for leg, force in enumerate(run["truth.leg_force"].T):
         axes[1, 1].plot(run.time, force, color=COLOURS[leg // 2], lw=0.8)
     axes[1, 1].set(ylabel="forces of the legs [N]")

@@ -37,8 +37,8 @@ from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.checks import check_forces, check_gait
-from parapod.systems.walking_chair.masses import Passenger
+from parapod.systems.walking_chair.checks import check_forces, check_gait, walk_forces
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 from parapod.systems.walking_chair.operator import ChairControls
 from parapod.systems.walking_chair.support import GaitSupport, SupportLost
 
@@ -64,13 +64,14 @@ _NEEDED = (
     "truth.foot_height",
     "truth.loop_error",
 )
-# The bounds of a walk with the paper's largest passenger; feet creep a little, so that each cycle
-# beyond the first adds to the body's error what ten may drift.
+# The bounds of a walk with the paper's largest passenger; those in mm go with the chair's size.
+# Feet creep a little, so that each cycle beyond the first adds to the body's error what ten may
+# drift.
 _BODY_ERROR = 1.0  # [mm]
 _TILT = 0.1  # [deg]
-_FORCE = 250.0 / 427.3  # share of a branch's largest force [-]
-# Heaviest passenger to whom that applies, by a branch's largest force [kg/N].
-_PASSENGER = 57.0 / 427.3
+_FORCE = 1.24  # largest force of a branch by that at rest [-]
+# Mass of that chair with that passenger [kg].
+_USUAL = 57.0 + ChairMasses().total
 _DRIFT = 5.0  # [mm]
 # Contact is stiff, not rigid: under the load of a leg a corner sinks in by a hundredth [mm].
 _SINKING = 0.02
@@ -187,8 +188,10 @@ def _truth_metrics(
     attitude = np.degrees(signals["truth.body_attitude"][after_start])
     force = signals["truth.force"][after_start]
     is_fine = scenario.backend == "kinematic" or scenario.plant.time_step <= _FINE_STEP
-    max_force = scenario.machine.drives.max_force_N
-    heavy = scenario.passenger.mass_kg > _PASSENGER * max_force
+    drives, passenger = scenario.machine.drives, scenario.passenger.passenger
+    whole = passenger.mass + scenario.machine.masses.total
+    weight = scenario.machine.masses, drives.stiffness
+    _, at_rest = walk_forces(scenario.machine.geometry, scenario.walk, passenger, *weight)
     return [
         Metric(
             "body_error_mm",
@@ -214,21 +217,21 @@ def _truth_metrics(
             "drift_mm",
             float(np.hypot(*error[-1, :2])),
             "mm",
-            _DRIFT,
+            scenario.machine.geometry.leg.size * _DRIFT,
             meaning="drift of the body along the ground, after all cycles",
         ),
         Metric(
             "foot_below_ground_mm",
             1e3 * max(0.0, -float(signals["truth.foot_height"][after_start].min())),
             "mm",
-            _SINKING,
+            _SINKING * whole / _USUAL,
             meaning="largest depth of a foot's corner in the ground, since contact yields",
         ),
         Metric(
             "peak_force_N",
             float(np.abs(force).max()),
             "N",
-            None if heavy else _FORCE * max_force,
+            min(float(round(_FORCE * np.abs(at_rest).max())), drives.max_force_N),
             paper="427.3 N at most",
             meaning="largest force of any branch",
         ),
@@ -314,7 +317,8 @@ def _shade_swings(axes: "Axes", time: NDArray[np.float64], signals: Signals) -> 
 def _body_bound(scenario: ChairScenario) -> float:
     """Bound of the body's error, which grows with the cycles [mm]."""
     cycles = max(gait.cycles for gait in scenario.walk.gaits)
-    return _BODY_ERROR + 0.1 * _DRIFT * (cycles - 1)
+    size = scenario.machine.geometry.leg.size
+    return size * (_BODY_ERROR + 0.1 * _DRIFT * (cycles - 1))
 
 
 def _body(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals) -> Figure:

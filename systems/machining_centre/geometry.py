@@ -70,6 +70,12 @@ class CentreGeometry:
             )
 
     @property
+    def size(self) -> float:
+        """Mean length of a leg by that of the paper's centre [-]."""
+        usual: type[CentreGeometry] = CentreGeometry
+        return (self.stroke_min + self.stroke_max) / (usual.stroke_min + usual.stroke_max)
+
+    @property
     def legs(self) -> int:
         """Number of legs: two a limb."""
         return 2 * self.limbs

@@ -45,8 +45,8 @@ from parapod.systems.machining_centre.wrench import wrench_indices
 
 # Lean of a foot's frame from the panel's normal that a clamp bears [rad].
 LARGEST_LEAN = 0.05
-# Newton's method ends with a step that leaves some micrometres at most, and nothing at rest [m],
-# where locks were off by no more than that [rad].
+# Newton's method ends with a step that leaves some micrometres of the paper's centre at most, and
+# nothing at rest [m], where locks were off by no more than that [rad].
 _LAST_STEP, _TOLERANCE = 2e-3, 0.05
 # Shares of the clearance above the panel that the drill keeps on a way, which may be straight
 # where the panel is not, and where the platform stays when everything is stopped.
@@ -376,7 +376,7 @@ def swung_to(
         freedom=freedom,
         toward=toward,
         tolerance=_TOLERANCE,
-        last_step=_LAST_STEP,
+        last_step=_LAST_STEP * geometry.size,
     )
 
 

@@ -97,14 +97,15 @@ def posture_of(
     try:
         if len(loose) == 0:
             pose = forward_kinematics(
-                geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP
+                geometry, lengths, before.pose, before.feet, last_step=_LAST_STEP * geometry.size
             )
             return Posture(pose.pose, before.feet) if np.isfinite(pose.pose).all() else None
         (limb,) = map(int, loose)
         if not locked[limb - 1].all():
             return None
         locks = closed_locks(geometry, limb, values, before.feet, locked)
-        swung = swing_forward(geometry, lengths, locks, before.pose, last_step=_LAST_STEP)
+        last = _LAST_STEP * geometry.size
+        swung = swing_forward(geometry, lengths, locks, before.pose, last_step=last)
     except (SingularSwing, ValueError):  # too few locks, or legs that do not meet
         return None
     feet = before.feet.copy()

@@ -47,8 +47,11 @@ _MOST_STEPS = 30
 _CONVERGED = 1e-12  # [m, and r_c rad]
 # Below this smallest singular value what stands does not hold the platform.
 _SINGULAR = 1e-6
-# Difference for the slope of the objective in open directions, and its step by slope [m, m^2].
+# Difference for the slope of the objective in open directions, and its step by slope, of the
+# paper's centre [m, m^2].
 _PROBE, _GAIN = 1e-4, 1e-3
+# Longest way of the paper's centre at once [m].
+_LONGEST = 0.2
 # Weight of the wrench index beside the stroke, per unit of the index.
 _INDEX_WEIGHT = 10.0
 
@@ -298,7 +301,7 @@ def swing_inverse(
     turns: bool = False,
     freedom: float = 0.0,
     toward: ArrayLike | None = None,
-    longest: float = 0.2,
+    longest: float | None = None,
     open_below: float = 1e-6,
     tolerance: float = 1e-6,
     last_step: float = 1e-12,
@@ -317,7 +320,8 @@ def swing_inverse(
             the wrench index high [m, and r_c rad]; 0: it makes none there.
         toward: (6) a pose to which the platform goes in these directions, in the place of that
             [m, rad].
-        longest: longest way that the platform may make from `near` [m, and r_c rad].
+        longest: longest way that the platform may make from `near` [m, and r_c rad]; None: 200 mm,
+            by the centre's size.
         open_below: directions with singular values below this share of the largest one are open.
         tolerance: largest difference of a locked joint before the last step [rad].
         last_step: length of the step after which no other one follows [m, and r_c rad]; what is
@@ -329,6 +333,7 @@ def swing_inverse(
         ValueError: wrong shapes.
     """
     limb = locks.lock_set.limb
+    longest = _LONGEST * geometry.size if longest is None else longest
     feet = locks.footholds.copy()
     feet[limb - 1] = of_width(foot_pose, 6, "foot_pose")
     start = of_width(near, 6, "near").astype(np.float64)
@@ -449,7 +454,8 @@ def _drift(
     longest: float,
 ) -> Array:
     """Displacement (6), in unit motions, that betters stroke and index in open directions."""
-    probe = _PROBE / geometry.platform_radius * directions * _unit_motion(geometry)
+    by = _PROBE * geometry.size
+    probe = by / geometry.platform_radius * directions * _unit_motion(geometry)
     poses = moved(np.broadcast_to(pose, (2 * len(probe), 6)), np.concatenate((probe, -probe)))
     middle = 0.5 * (geometry.stroke_min + geometry.stroke_max)
     half = 0.5 * (geometry.stroke_max - geometry.stroke_min)
@@ -458,7 +464,7 @@ def _drift(
     if len(standing) > 2:
         cost -= _INDEX_WEIGHT * wrench_indices(geometry, poses, feet, standing=standing).w_minmax
     ahead, behind = cost[: len(probe)], cost[len(probe) :]
-    way = -_GAIN * (ahead - behind) / (2.0 * _PROBE)
+    way = -_GAIN * geometry.size**2 * (ahead - behind) / (2.0 * by)
     way *= min(1.0, longest / max(float(np.linalg.norm(way)), 1e-300))
     return way / geometry.platform_radius @ directions
 

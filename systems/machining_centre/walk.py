@@ -7,6 +7,7 @@ the feet, and of all sets of locks, those with room to spare are taken.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,14 +20,14 @@ from parapod.systems.machining_centre.posture import Posture
 from parapod.systems.machining_centre.swing import LockSet, best_sets
 
 # Where the platform begins a swing: how far ahead of the feet's middle, as a share of the foot's
-# way, and how much higher or lower than usual [m].
+# way, and how much higher or lower than usual, of the paper's centre [m].
 _AHEAD, _HIGHER = (-0.5, -0.25, 0.0), (0.0, 0.03, -0.03, 0.06)
 # Sets of locks that are tried at a pose, the best ones there, and swings that are then made.
 _SETS = 4
 # Postures on the way of a swing that is only tried.
 _COARSE = 8
-# A leg this far from the ends of its stroke is far enough [m], and so is a swing that is led as
-# well as this: what yields by a force sinks by its inverse [-].
+# A leg of the paper's centre this far from the ends of its stroke is far enough [m], and so is a
+# swing that is led as well as this: what yields by a force sinks by its inverse [-].
 _ROOM, _STIFF = 0.02, 0.1
 
 
@@ -81,7 +82,7 @@ def plan_walk(
                 goal = job.panel.foothold(along, across, job.panel.heading(now.feet[limb - 1]))
                 try:
                     swing, swung = _best(geometry, job, now, limb, goal, height, locked)
-                    candidates.append((_rating(swung), swing, swung))
+                    candidates.append((_rating(geometry, swung), swing, swung))
                     if candidates[-1][0] >= 1.0:
                         break
                 except Refused as error:
@@ -106,30 +107,31 @@ def _best(
 ) -> tuple[Swing, Swung]:
     """The first swing of a limb with room to spare, or the one with most of it."""
     best: tuple[Swing, Swung] | None = None
+    rating = partial(_rating, geometry)
     refusal = Refused(f"limb {limb} finds no pose of the platform from which it could swing")
     for pose in _poses(geometry, job, now, limb, goal, height):
         for lock_set in _sets(geometry, pose, now.feet, limb, locked, job.least_sigma):
             swing = Swing(pose, lock_set, goal)
             try:
                 swung = try_swing(geometry, job, swing, now.feet, _COARSE)
-                if best is not None and _rating(swung) <= _rating(best[1]):
+                if best is not None and rating(swung) <= rating(best[1]):
                     continue
                 swung = try_swing(geometry, job, swing, now.feet)
             except Refused as error:
                 refusal = error
                 continue
-            if best is None or _rating(swung) > _rating(best[1]):
+            if best is None or rating(swung) > rating(best[1]):
                 best = swing, swung
-            if _rating(swung) >= 1.0:
+            if rating(swung) >= 1.0:
                 return best
     if best is None:
         raise refusal
     return best
 
 
-def _rating(swung: Swung) -> float:
+def _rating(geometry: CentreGeometry, swung: Swung) -> float:
     """Quality of a swing; 1 is good enough."""
-    return min(swung.margin / _ROOM, swung.sigma / _STIFF)
+    return min(swung.margin / (_ROOM * geometry.size), swung.sigma / _STIFF)
 
 
 def _poses(
@@ -143,7 +145,8 @@ def _poses(
     for higher in _HIGHER:
         for ahead in _AHEAD:
             along, across = middle + ahead * way
-            pose = job.panel.frame(along, across, _heading(geometry, print_), height + higher)
+            above = height + higher * geometry.size
+            pose = job.panel.frame(along, across, _heading(geometry, print_), above)
             if within_stroke(geometry, leg_lengths(geometry, pose, now.feet)).all():
                 poses.append(pose)
     return poses

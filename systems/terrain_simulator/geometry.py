@@ -79,6 +79,11 @@ class BenchGeometry:
         """
         return cls(0.30, 0.45, 0.60, 0.60, 0.0, False, belt=True)
 
+    @property
+    def size(self) -> float:
+        """Length of the links to P by that of the paper's benches [-]."""
+        return self.link / BenchGeometry.pedal().link
+
     @cached_property
     def p_OP(self) -> tuple[float, float]:
         """Pivot P in the plate's frame [m]: below it."""

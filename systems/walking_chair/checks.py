@@ -241,6 +241,29 @@ def check_forces(
     Raises:
         ForceExceeded: names the branch and the time of the largest force.
     """
+    times, forces = walk_forces(geometry, walk, passenger, masses, stiffness)
+    refuse_forces(forces, limit, times, BRANCHES)
+
+
+def walk_forces(
+    geometry: ChairGeometry,
+    walk: Walk,
+    passenger: Passenger,
+    masses: ChairMasses = ChairMasses(),
+    stiffness: float = STIFFNESS,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Forces of the branches at rest at instants of a walk.
+
+    Args:
+        geometry: the chair.
+        walk: the gaits.
+        passenger: person on the seat.
+        masses: masses of the chair.
+        stiffness: axial stiffness of a branch [N/m].
+
+    Returns:
+        (k) times in the first phases of each gait [s], and (k, 12) forces [N].
+    """
     times = _instants(walk)
     motion = walk.motions(geometry, times)
     body = np.asarray(motion.body.position)
@@ -253,7 +276,7 @@ def check_forces(
         own = masses.foot_end * GRAVITY
         at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own, stiffness)
         forces.append(at_rest.branch_forces)
-    refuse_forces(np.array(forces), limit, times, BRANCHES)
+    return times, np.array(forces)
 
 
 def refuse_forces(

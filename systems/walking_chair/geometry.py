@@ -105,9 +105,19 @@ class LegGeometry:
         return self.actuator_min + self.ups_extra, self.actuator_max + self.ups_extra
 
     @property
+    def size(self) -> float:
+        """Stroke of an actuator by that of the paper's [-]."""
+        return self.stroke / (LegGeometry.actuator_max - LegGeometry.actuator_min)
+
+    @property
     def retracted_height(self) -> float:
-        """H_0: the upper platform's face above the foot's with the UP branch retracted [m]."""
-        return self.x1 + self.up_stroke[0] + self.x2
+        """H_0: the upper platform's face above the foot's, the leg straight and retracted [m].
+
+        The UP branch is at its end, or the two others are before.
+        """
+        aside = min(self.a - self.b, self.ups_stroke[0])
+        below = math.sqrt(self.ups_stroke[0] ** 2 - aside**2)
+        return self.x1 + max(self.up_stroke[0] + self.x2, below + self.x3)
 
     @cached_property
     def strokes(self) -> NDArray[np.float64]:
