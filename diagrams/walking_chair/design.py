@@ -1,10 +1,15 @@
 """Design of a walking chair: dimensions, bodies, drives; the paper's are the defaults."""
 
+import math
 from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, quantity
+from parapod.systems.walking_chair.checks import resting_forces
 from parapod.systems.walking_chair.geometry import (
     ASSUMED_PLACEMENTS,
     LEG_COUNT,
@@ -12,10 +17,20 @@ from parapod.systems.walking_chair.geometry import (
     LegGeometry,
     LegPlacement,
 )
-from parapod.systems.walking_chair.masses import ChairMasses
+from parapod.systems.walking_chair.masses import ChairMasses, Passenger
+from parapod.systems.walking_chair.ranges import (
+    overlap,
+    straight_corners,
+    straight_ends,
+    straight_lengths,
+    straight_stance,
+)
+from parapod.systems.walking_chair.support import support_polygon
 
 # Smallest and largest length [mm].
 _SHORT, _LONG = 0.1, 20_000.0
+# Difference of lengths that is rounding [-].
+_ROUNDING = 1e-9
 
 
 @dataclass
@@ -171,3 +186,74 @@ class ChairDesign(Schema):
         from parapod.diagrams.walking_chair.model import masses_of
 
         return masses_of(self.geometry, tuple(self.bodies.items()))
+
+    def check(self) -> None:
+        """Refuses a chair whose legs do not close or collide, that tips over, or that is too weak.
+
+        Raises:
+            ScenarioError: names the key, and the admissible values.
+        """
+        self._check_loops()
+        self._check_room()
+        self._check_centre()
+        self._check_forces()
+
+    def _check_loops(self) -> None:
+        """Refuses legs that cannot hang straight with their UP branches retracted."""
+        leg = self.geometry.leg
+        ups = float(straight_lengths(leg, leg.retracted_height)[1])
+        low, high = leg.ups_stroke
+        if low * (1.0 - _ROUNDING) <= ups <= high:
+            return
+        key = "machine.leg.up_extra_mm"
+        shortest, longest = (1e4 * (end - leg.actuator_min) for end in straight_ends(leg))
+        ends = math.ceil(shortest) / 10.0, math.floor(longest) / 10.0
+        raise ScenarioError(
+            f"{key} = {self.leg.up_extra_mm:g}: with the UP branch retracted, a leg that hangs "
+            f"straight needs UPS branches of {1e3 * ups:.1f} mm, and they are {1e3 * low:.1f} to "
+            f"{1e3 * high:.1f} mm long; it must be between {ends[0]:g} and {ends[1]:g}",
+            key,
+        )
+
+    def _check_room(self) -> None:
+        """Refuses legs whose platforms run into each other."""
+        leg, key = self.geometry.leg, "machine.placements"
+        hinges = leg.upper_joints if leg.a >= leg.b else leg.corners
+        corners = straight_corners(self.geometry, hinges)
+        for (i, one), (j, other) in combinations(enumerate(corners, start=1), 2):
+            if (deep := overlap(one, other)) > 0.0:
+                raise ScenarioError(
+                    f"{key}: the platforms of legs {i} and {j} overlap by {1e3 * deep:.0f} mm; "
+                    "they must be farther apart",
+                    key,
+                )
+
+    def _check_centre(self) -> None:
+        """Refuses a chair whose centre of mass is not above its feet."""
+        geometry, masses = self.geometry, self.masses
+        legs = sum(masses.leg * np.array((place.x, place.y)) for place in geometry.placements)
+        body = self.body.body.centre or (0.0, 0.0, 0.0)
+        centre = (legs + masses.body * np.array(body[:2])) / masses.total
+        margin = support_polygon(straight_corners(geometry)).margin(centre)
+        if margin <= 0.0:
+            raise ScenarioError(
+                f"machine: it tips over: its centre of mass is {-1e3 * margin:.0f} mm outside its "
+                "feet, legs straight; it must be between them",
+                "machine",
+            )
+
+    def _check_forces(self) -> None:
+        """Refuses drives that do not lift the empty chair on four feet."""
+        geometry, masses, drives = self.geometry, self.masses, self.drives
+        stances = straight_stance(geometry)
+        nobody = Passenger(0.0)
+        forces = resting_forces(stances, nobody, masses, drives.stiffness)
+        largest = float(np.abs(forces).max())
+        if largest > drives.max_force_N:
+            key = "machine.drives.max_force_N"
+            raise ScenarioError(
+                f"{key} = {drives.max_force_N:g}: it cannot lift itself: a branch has to hold "
+                f"{largest:.0f} N, {largest - drives.max_force_N:.0f} N more; it must be at least "
+                f"{math.ceil(largest)}",
+                key,
+            )

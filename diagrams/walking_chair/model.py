@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -15,7 +15,14 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.bodies import Body, fit_link, limit_joints, place_element, place_joints
+from parapod.diagrams.bodies import (
+    Body,
+    fit_link,
+    limit_joints,
+    link_bodies,
+    place_element,
+    place_joints,
+)
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model, add_ground
 from parapod.systems.walking_chair.chair import chair_inverse
@@ -120,26 +127,29 @@ def add_leg(
 
 @functools.lru_cache(maxsize=16)
 def masses_of(geometry: ChairGeometry, bodies: tuple[tuple[str, Body], ...]) -> ChairMasses:
-    """Masses of a chair, as the plant that is built has them.
+    """Masses of a chair in closed form, as the plant that is built has them.
 
     Args:
         geometry: the chair.
         bodies: its links by their names.
     """
-    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step=1e-3)
-    model = add_chair(plant, replace(Passenger(), mass=0.0), geometry, dict(bodies))
-
-    def mass(link: str) -> float:
-        return float(plant.GetBodyByName(link, model.legs[0]).default_mass())
-
+    (body,) = link_bodies(
+        f"{_FOLDER}/body.urdf", functools.partial(_fit_body, geometry, dict(bodies).get("body"))
+    ).values()
+    legs = link_bodies(
+        f"{_FOLDER}/leg.urdf",
+        functools.partial(_fit_leg, geometry.leg, dict(bodies), BranchDrive()),
+    )
+    assert body.centre is not None
+    *_, z = body.centre
     return ChairMasses(
-        body=model.body.default_mass(),
-        body_height=float(model.body.default_com()[2]),
-        upper_platform=mass("upper_platform"),
-        yoke=mass("up_yoke"),
-        cylinder=mass("up_cylinder"),
-        rod=mass("ups_2_rod"),
-        foot=mass("foot"),
+        body=body.mass,
+        body_height=z,
+        upper_platform=legs["upper_platform"].mass,
+        yoke=legs["up_yoke"].mass,
+        cylinder=legs["up_cylinder"].mass,
+        rod=legs["ups_2_rod"].mass,
+        foot=legs["foot"].mass,
     )
 
 

@@ -6,6 +6,7 @@ Each refusal names the branch or the leg, the time and the admissible values.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -218,6 +219,53 @@ class ForceExceeded(ParapodError):
         )
 
 
+class Stances(NamedTuple):
+    """Stances of a level chair, unloaded.
+
+    Attributes:
+        times: (k) [s].
+        corners: (k, 4, 3, 3) of the feet from S, along the body's axes [m].
+        by_vertical: (k, 12, 12) branch forces by vertical forces on the corners [-].
+    """
+
+    times: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    by_vertical: NDArray[np.float64]
+
+
+def walked_stances(geometry: ChairGeometry, walk: Walk) -> Stances:
+    """Stances in the lift and the first cycle of each gait of a walk, and in its end."""
+    times = _instants(walk)
+    motion = walk.motions(geometry, times)
+    body = np.asarray(motion.body.position)
+    lengths = chair_inverse(geometry, body, np.eye(3), motion.feet.position, motion.references)
+    corners = foot_corners(geometry, body, np.eye(3), lengths) - body[:, None, None, :]
+    return Stances(times, corners, np.array([force_map(geometry, at)[..., 2] for at in lengths]))
+
+
+def resting_forces(
+    stances: Stances,
+    passenger: Passenger,
+    masses: ChairMasses = ChairMasses(),
+    stiffness: float = STIFFNESS,
+) -> NDArray[np.float64]:
+    """Forces (k, 12) of the branches of a chair at rest, which share the load as springs [N].
+
+    Args:
+        stances: k stances.
+        passenger: person on the seat.
+        masses: masses of the chair.
+        stiffness: axial stiffness of a branch [N/m].
+    """
+    forces = []
+    for places, vertical in zip(stances.corners, stances.by_vertical, strict=True):
+        mass, centre = centre_of_mass(masses, passenger, places.mean(axis=-2))
+        own = masses.foot_end * GRAVITY
+        at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own, stiffness)
+        forces.append(at_rest.branch_forces)
+    return np.array(forces)
+
+
 def check_forces(
     geometry: ChairGeometry,
     walk: Walk,
@@ -264,19 +312,8 @@ def walk_forces(
     Returns:
         (k) times in the first phases of each gait [s], and (k, 12) forces [N].
     """
-    times = _instants(walk)
-    motion = walk.motions(geometry, times)
-    body = np.asarray(motion.body.position)
-    lengths = chair_inverse(geometry, body, np.eye(3), motion.feet.position, motion.references)
-    corners = foot_corners(geometry, body, np.eye(3), lengths) - body[:, None, None, :]
-    forces = []
-    for at, places in zip(lengths, corners, strict=True):
-        mass, centre = centre_of_mass(masses, passenger, places.mean(axis=-2))
-        vertical = force_map(geometry, at)[..., 2]
-        own = masses.foot_end * GRAVITY
-        at_rest = rest(places.reshape(12, 3), vertical, mass * GRAVITY, centre, own, stiffness)
-        forces.append(at_rest.branch_forces)
-    return times, np.array(forces)
+    stances = walked_stances(geometry, walk)
+    return stances.times, resting_forces(stances, passenger, masses, stiffness)
 
 
 def refuse_forces(

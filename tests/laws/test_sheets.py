@@ -27,8 +27,11 @@ POWERS = {
 KEYS = {
     "_mm": 1.0, "mass_kg": 3.0, "inertia_kg_m2": 5.0, "_N_um": 2.0, "_Nm_rad": 4.0,
     "_m_s_V": 0.5, "_N_V": 3.0, "coulomb_friction": 3.0, "_force_N": 3.0, "_mm_s": 0.5,
-    "velocity_m_s": 0.5, "_ms": 0.5,
+    "velocity_m_s": 0.5, "_ms": 0.5, "_duration": 0.5, "thrust_N": 3.0, "torque_Nm": 4.0,
+    "capacity_N": 3.0, "speed_m_s": 0.5, "frequency_Hz": -0.5,
 }  # fmt: skip
+# Parts of a scenario, beside the machine, by which its sheet goes: who is carried, and the job.
+JOBS = ("passenger", "gait", "panel", "holes", "walk", "process", "place", "hip")
 
 
 def scenario_of(name):
@@ -39,7 +42,8 @@ def similar(scenario, scale):
     """A scenario whose machine is larger, of the same densities, under the same accelerations."""
     scenario = copy.deepcopy(scenario)
     scenario.machine = settled(scenario.machine)
-    for _, part in parts(scenario.machine):
+    jobs = (getattr(scenario, name) for name in JOBS if hasattr(scenario, name))
+    for _, part in (each for whole in (scenario.machine, *jobs) for each in parts(whole)):
         for each in fields(part):
             value, powers = getattr(part, each.name), KEYS.items()
             power = next((p for key, p in powers if each.name.endswith(key)), None)

@@ -38,6 +38,14 @@ def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, job, se
     assert result["bounds"]
 
 
+def refuse(experiment, setting, words, capsys, tmp_path):
+    result = tmp_path / "result.json"
+    assert main(["run", experiment, "--set", setting, "--json", str(result)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert not result.exists()
+
+
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
@@ -62,11 +70,20 @@ def test_a_machine_of_other_dimensions_holds_the_bounds_of_its_job(name, job, se
     ],
 )
 def test_a_platform_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
-    result = tmp_path / "level.json"
-    assert main(["run", "level", "--set", setting, "--json", str(result)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
-    assert not result.exists()
+    refuse("level", setting, words, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("machine.leg.up_extra_mm=120", "needs UPS branches of 543.9 mm"),
+        ("machine.leg.a_mm=330", "the platforms of legs 1 and 2 overlap by 17 mm"),
+        ("machine.body={mass_kg: 40, centre_mm: [0, 900, 0]}", "it tips over"),
+        ("machine.body.mass_kg=500", "it cannot lift itself: a branch has to hold 510 N, 82 N"),
+    ],
+)
+def test_a_chair_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
+    refuse("chair-walk", setting, words, capsys, tmp_path)
 
 
 DECK = """<?xml version="1.0"?>
