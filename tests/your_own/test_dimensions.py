@@ -76,7 +76,7 @@ def test_a_platform_that_cannot_be_is_refused_in_one_line(setting, words, capsys
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("machine.leg.up_extra_mm=120", "needs UPS branches of 543.9 mm"),
+        ("machine.leg.up_extra_mm=480", "needs UPS branches of 901.6 mm"),
         ("machine.leg.a_mm=330", "the platforms of legs 1 and 2 overlap by 17 mm"),
         ("machine.body={mass_kg: 40, centre_mm: [0, 900, 0]}", "it tips over"),
         ("machine.body.mass_kg=500", "it cannot lift itself: a branch has to hold 510 N, 82 N"),
