@@ -1,14 +1,25 @@
 """Design of a machining centre: dimensions, bodies, drives; the paper's are the defaults."""
 
+import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.machining_centre.geometry import LIMB_COUNTS, CentreGeometry
+from parapod.systems.machining_centre.ranges import (
+    holding_forces,
+    scaled_jacobian,
+    upright_heights,
+)
 from parapod.systems.machining_centre.statics import CentreMasses
 
 # Smallest and largest length [mm].
 _SHORT, _LONG = 1.0, 20_000.0
+# Difference of lengths that is rounding, and conditioning index below which legs hold nothing [-].
+_ROUNDING, _SINGULAR = 1e-9, 0.02
 
 
 @dataclass
@@ -111,3 +122,65 @@ class CentreDesign(Schema):
         for side in ("left", "right"):
             bodies |= {f"{side}_{name}": getattr(self, name).body for name in ("cylinder", "rod")}
         return bodies | dict.fromkeys(("ankle_2", "ankle_3"), self.ankle.body)
+
+    def check(self) -> None:
+        """Refuses a centre that cannot stand, does not reach the panel, or is too weak.
+
+        Raises:
+            ScenarioError: names the key, and the admissible values.
+        """
+        geometry = self.geometry
+        self._check_feet(geometry)
+        low, high = upright_heights(geometry)
+        if not low < high:
+            key = "machine.stroke_max_mm"
+            aside = float(np.linalg.norm(geometry.pivots[0] - geometry.footholds[0, :3]))
+            raise ScenarioError(
+                f"{key} = {self.stroke_max_mm:g}: legs do not reach from the feet to the pivots, "
+                f"which are {1e3 * aside:.0f} mm beside them; it must be more than that",
+                key,
+            )
+        least, most = (1e3 * (end + geometry.foot_height) for end in (low, high))
+        if not least < self.tool_length_mm < most:
+            key = "machine.tool_length_mm"
+            raise ScenarioError(
+                f"{key} = {self.tool_length_mm:g}: the pivots of the upright platform are "
+                f"{least:.0f} to {most:.0f} mm above the panel, so the drill does not touch it; "
+                "it must be between them",
+                key,
+            )
+        self._check_hold(geometry)
+
+    def _check_feet(self, geometry: CentreGeometry) -> None:
+        """Refuses feet that overlap at home."""
+        apart = 2.0 * self.pattern_radius_mm * math.sin(math.pi / geometry.limbs)
+        if self.foot_diameter_mm > (1.0 + _ROUNDING) * apart:
+            key = "machine.foot_diameter_mm"
+            raise ScenarioError(
+                f"{key} = {self.foot_diameter_mm:g}: feet overlap at home, where they are "
+                f"{apart:.0f} mm apart; it must be less",
+                key,
+            )
+
+    def _check_hold(self, geometry: CentreGeometry) -> None:
+        """Refuses legs that do not hold the platform as it drills, or are too weak for that."""
+        pose = (0.0, 0.0, geometry.tool_length - geometry.foot_height, 0.0, 0.0, 0.0)
+        singular = np.linalg.svd(scaled_jacobian(geometry, pose), compute_uv=False)
+        if singular[-1] < _SINGULAR * singular[0]:
+            key = "machine.half_angle_deg"
+            angle = math.degrees(geometry.half_angle)
+            raise ScenarioError(
+                f"{key} = {angle:g}: the legs of the upright platform do not hold it, whatever "
+                "their force: it must be larger, or the radii of pivots and feet others",
+                key,
+            )
+        weight = self.masses.weight(geometry)
+        largest = float(np.abs(holding_forces(geometry, pose, None, weight)).max())
+        most = self.legs.max_force_N
+        if largest > most:
+            key = "machine.legs.max_force_N"
+            raise ScenarioError(
+                f"{key} = {most:g}: it cannot lift itself: a leg has to hold {largest:.0f} N, "
+                f"{largest - most:.0f} N more; it must be at least {math.ceil(largest)}",
+                key,
+            )

@@ -12,7 +12,7 @@ stiffnesses are assumptions: a platform of 10 kg, 2.1 kg a leg, 10 N/um.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -25,7 +25,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, QuaternionFloatingJoint
 from pydrake.systems.framework import DiagramBuilder
 
-from parapod.diagrams.bodies import Body, fit_link, limit_joints, place_joints
+from parapod.diagrams.bodies import Body, fit_link, limit_joints, link_bodies, place_joints
 from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -34,6 +34,7 @@ from parapod.systems.machining_centre.platform_mode import feet_of
 from parapod.systems.machining_centre.statics import CentreMasses
 from parapod.urdf import configure_parser
 
+type _Fit = Callable[[Element], None]
 # Axial stiffness of a leg with its screw and drive [N/m], and its damping [N s/m]: assumptions.
 STIFFNESS = PdControllerGains(p=1e7, d=1e5)
 _FOLDER = "package://parapod/machining_centre"
@@ -64,20 +65,7 @@ def add_centre(
     parser = Parser(plant)
     configure_parser(parser)
     parser.SetAutoRenaming(True)
-    stretches, masses = link_stretches(geometry), bodies or {}
-
-    def fit(links: Sequence[str], root: Element) -> None:
-        for link in links:
-            fit_link(root, link, stretches[link], masses.get(link))
-
-    def fit_platform(root: Element) -> None:
-        fit(("platform", "tool"), root)
-        place_joints(root, {"tool": (0.0, 0.0, -_SPINDLE * stretches["tool"][0])})
-
-    def fit_limb(root: Element) -> None:
-        fit(_LIMB_LINKS, root)
-        _fit_joints(geometry, root)
-
+    fit_platform, fit_limb = _fits(geometry, bodies or {})
     body = add_adapted_model(parser, f"{_FOLDER}/platform.urdf", "platform", fit_platform)
     platform = plant.GetBodyByName("platform", body)
     world = plant.world_frame()
@@ -124,20 +112,37 @@ def link_stretches(geometry: CentreGeometry) -> dict[str, tuple[float, float, fl
 
 @lru_cache(maxsize=16)
 def masses_of(geometry: CentreGeometry, bodies: tuple[tuple[str, Body], ...]) -> CentreMasses:
-    """Masses of a centre, as the plant that is built has them.
+    """Masses of a centre in closed form, as the plant that is built has them.
 
     Args:
         geometry: the centre.
         bodies: its links by their names.
     """
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-    model = add_centre(plant, geometry, bodies=dict(bodies))
-    context = plant.CreateDefaultContext()
-    return CentreMasses(
-        plant.CalcTotalMass(context, [model.platform.model_instance()]),
-        plant.CalcTotalMass(context, [model.limbs[0]]),
+    files = zip(("platform", "limb"), _fits(geometry, dict(bodies)), strict=True)
+    platform, limb = (
+        sum(body.mass for body in link_bodies(f"{_FOLDER}/{name}.urdf", fit).values())
+        for name, fit in files
     )
+    return CentreMasses(platform, limb)
+
+
+def _fits(geometry: CentreGeometry, bodies: Mapping[str, Body]) -> tuple[_Fit, _Fit]:
+    """Changes of the drawn platform, and of a drawn limb, to the dimensions of a centre."""
+    stretches = link_stretches(geometry)
+
+    def fit(links: Sequence[str], root: Element) -> None:
+        for link in links:
+            fit_link(root, link, stretches[link], bodies.get(link))
+
+    def fit_platform(root: Element) -> None:
+        fit(("platform", "tool"), root)
+        place_joints(root, {"tool": (0.0, 0.0, -_SPINDLE * stretches["tool"][0])})
+
+    def fit_limb(root: Element) -> None:
+        fit(_LIMB_LINKS, root)
+        _fit_joints(geometry, root)
+
+    return fit_platform, fit_limb
 
 
 def _fit_joints(geometry: CentreGeometry, root: Element) -> None:

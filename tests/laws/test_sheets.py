@@ -29,9 +29,10 @@ KEYS = {
     "_m_s_V": 0.5, "_N_V": 3.0, "coulomb_friction": 3.0, "_force_N": 3.0, "_mm_s": 0.5,
     "velocity_m_s": 0.5, "_ms": 0.5, "_duration": 0.5, "thrust_N": 3.0, "torque_Nm": 4.0,
     "capacity_N": 3.0, "speed_m_s": 0.5, "frequency_Hz": -0.5,
+    "_deg_s": -0.5,
 }  # fmt: skip
 # Parts of a scenario, beside the machine, by which its sheet goes: who is carried, and the job.
-JOBS = ("passenger", "gait", "panel", "holes", "walk", "process", "place", "hip")
+JOBS = ("passenger", "gait", "panel", "process", "motion", "place", "hip")
 
 
 def scenario_of(name):

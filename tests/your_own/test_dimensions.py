@@ -86,6 +86,20 @@ def test_a_chair_that_cannot_be_is_refused_in_one_line(setting, words, capsys, t
     refuse("chair-walk", setting, words, capsys, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("machine.foot_diameter_mm=320", "feet overlap at home, where they are 312 mm apart"),
+        ("machine.pattern_radius_mm=900", "which are 832 mm beside them"),
+        ("machine.tool_length_mm=380", "the drill does not touch it"),
+        ("machine.half_angle_deg=1", "the legs of the upright platform do not hold it"),
+        ("machine.platform.mass_kg=900", "it cannot lift itself: a leg has to hold 1549 N, 549 N"),
+    ],
+)
+def test_a_centre_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
+    refuse("centre-machining", setting, words, capsys, tmp_path)
+
+
 DECK = """<?xml version="1.0"?>
 <robot name="deck">
   <link name="deck">
