@@ -83,7 +83,7 @@ _ANGLE_BOUND, _HEIGHT_BOUND = 0.2, 2.0
 _PAPER = (0.2, 0.2, 2.0)
 _NOT_HELD = "the platform held no posture"
 _LIFTED = 0.5  # a foot that is back sooner has not been lost [s]
-_CLEARANCE = 20.0  # clearance of the wheels while the platform works [mm]
+_CLEARANCE = 20.0  # clearance of the wheels of the paper's platform while it works [mm]
 # A command that jumps is one that changes in a period by more than this share of the supply [-].
 _VOLTAGE_STEP = 0.5 / 12.0
 
@@ -486,7 +486,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             "wheel_clearance_mm",
             1e3 * _smallest(_clearance(scenario, signals)[:, is_holding]),
             "mm",
-            at_least=_CLEARANCE,
+            at_least=_CLEARANCE * scenario.machine.size,
             meaning="clearance of the lowest wheel while held",
             undefined=_NOT_HELD,
         ),

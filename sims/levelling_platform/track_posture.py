@@ -175,9 +175,9 @@ class TrackPosture(LevellingExperiment[Runs]):
     def measure(self, scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
         """Errors at rest and while moving, and the outer loop's stability margins."""
         if data.nominal is None:
-            yield from _real_machine_metrics(data)
+            yield from _real_machine_metrics(scenario, data)
             return
-        yield from _errors(data.nominal, "", (_PAPER[0], _PAPER[2]), "legs as drawn")
+        yield from _errors(data.nominal, "", _bounds(scenario), "legs as drawn")
         yield from _errors(data.perturbed, "perturbed_", (None, None), "legs as built")
         yield from _errors(data.outer, "outer_loop_", (_OUTER_BOUND, None), "with the outer loop")
         yield _extension_error(data.nominal, "truth.extension", "legs as drawn")
@@ -196,7 +196,8 @@ class TrackPosture(LevellingExperiment[Runs]):
     def draw(self, scenario: LevellingScenario, data: Runs) -> Iterator[Figure]:
         """Postures and extensions (Figs. 20 to 22), and the outer loop's Bode plot."""
         began = scenario.job.estimate_at + scenario.job.settled_after
-        yield from _tracking(data.nominal, data.perturbed, data.outer, began)
+        compared = data.nominal, data.perturbed, data.outer
+        yield from _tracking(*compared, began, _bounds(scenario))
         if data.nominal is not None:
             yield _bode(_outer(scenario))
 
@@ -211,11 +212,17 @@ def _of_real_machine(
     return Runs(None, without, with_loop)
 
 
-def _real_machine_metrics(data: Runs) -> Iterator[Metric]:
-    without, with_loop = data.perturbed, data.outer
-    yield from _errors(without, "", (_PAPER[0], _PAPER[2]), "without the outer loop")
-    yield from _errors(with_loop, "outer_loop_", (_OUTER_BOUND, _PAPER[2]), "with the outer loop")
-    yield _extension_error(without, "legs.extension", "without the outer loop", _EXTENSION_BOUND)
+def _bounds(scenario: LevellingScenario) -> tuple[float, float]:
+    """Bounds of the angles [deg], and of the height, which goes with the machine [mm]."""
+    return _PAPER[0], _PAPER[2] * scenario.machine.size
+
+
+def _real_machine_metrics(scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
+    (angle, height), size = _bounds(scenario), scenario.machine.size
+    without, with_loop, whose = data.perturbed, data.outer, "without the outer loop"
+    yield from _errors(without, "", (angle, height), whose)
+    yield from _errors(with_loop, "outer_loop_", (_OUTER_BOUND, height), "with the outer loop")
+    yield _extension_error(without, "legs.extension", whose, _EXTENSION_BOUND * size)
     yield from _moving_errors(without, with_loop)
 
 
@@ -322,7 +329,11 @@ def _stability(scenario: LevellingScenario) -> list[Metric]:
 
 
 def _tracking(
-    nominal: _Run | None, perturbed: _Run, outer: _Run, began: float
+    nominal: _Run | None,
+    perturbed: _Run,
+    outer: _Run,
+    began: float,
+    bounds: tuple[float, float],
 ) -> tuple[Figure, ...]:
     scenario_compared, name, port = nominal, "true", "truth.extension"
     if scenario_compared is None:
@@ -363,7 +374,7 @@ def _tracking(
             lines,
             "asked for",
             began,
-            (_PAPER[0], _PAPER[2]),
+            bounds,
         ),
         Figure(
             "fig22",

@@ -2,10 +2,11 @@
 
 import copy
 import functools
+import io
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import astuple, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
+from rich.console import Console
 
 from parapod.diagrams.bodies import BodyScenario
 from parapod.diagrams.built import Bodies, bodies_of_loop
@@ -24,7 +26,9 @@ from parapod.diagrams.machine import list_machines
 from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.terrain_simulator.model import add_bench
 from parapod.diagrams.walking_chair.model import add_chair
-from parapod.systems.core.errors import ScenarioError
+from parapod.sims.lab.discovery import find_entry
+from parapod.sims.output.options import RunOptions
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.core.schema import Options, check, fields_of
@@ -692,3 +696,130 @@ def test_forward_and_inverse_kinematics_of_machines_at_random_undo_each_other(ma
         for values, back in TRIPS[machine.name](design, np.random.default_rng(number)):
             size = np.abs(values).max()
             np.testing.assert_allclose(back, values, rtol=0.0, atol=1e-9 * size, err_msg=number)
+
+
+# --- jobs
+
+
+def job_of_platform(design: Any) -> tuple[str, ...]:
+    return ("ground.roll_deg=1", "ground.pitch_deg=1.5")
+
+
+def job_of_chair(design: Any) -> tuple[str, ...]:
+    return ("gait.way=forward",)
+
+
+def job_of_centre(design: Any) -> tuple[str, ...]:
+    size, tool = design.geometry.size, 1e3 * design.geometry.tool_length
+    lengths = {
+        "holes.depth_mm": 2.0,
+        "panel.radius_mm": 3000.0,
+        "walk.advance_mm": 120.0,
+        "walk.lift_mm": 20.0,
+        "process.clearance_mm": 8.0,
+    }
+    own = [f"{key}={size * length}" for key, length in lengths.items()]
+    fast = ("rapid_mm_s=150", "swing_mm_s=120", "acceleration_mm_s2=1000")
+    return (
+        *("holes.count=1", "walk.steps=1", f"walk.height_mm={tool + 40.0 * size}", *own),
+        *("control.settling=0.1", *(f"motion.{each}" for each in fast)),
+    )
+
+
+def job_of_bench(design: Any) -> tuple[str, ...]:
+    return ("gait.strides=2", f"gait.speed_m_s={1.4 * min(1.0, design.geometry.size)}")
+
+
+class Trial(NamedTuple):
+    """Trials of a kind of machine with its default job.
+
+    Attributes:
+        settings: settings of the job that go with a design.
+        often: numbers of machines that do it every day.
+        bodies: settings with rigid bodies.
+        often_bodies: numbers of machines that do it with rigid bodies every day.
+        agreement: largest difference of an error by rigid bodies from the one without, by its
+            bound [-]; about twice that of the paper's machine.
+    """
+
+    settings: Callable[[Any], tuple[str, ...]]
+    often: int
+    bodies: tuple[str, ...] = ()
+    often_bodies: int = 0
+    agreement: float = 0.5
+
+
+COARSE = ("plant.leg_model=reduced", "plant.time_step=0.004")
+TRIALS = {
+    "levelling_platform": Trial(job_of_platform, 3, COARSE, 1, 0.3),
+    "walking_chair": Trial(job_of_chair, 1, agreement=0.8),
+    "machining_centre": Trial(job_of_centre, 0),
+    # Without a leg on it nothing takes the plate from its path.
+    "terrain_simulator": Trial(job_of_bench, 3, (), 1, 1.0),
+}
+WITH_BODIES = 3  # machines of each kind whose job is also done by rigid bodies
+ERRORS = ("deg", "mm", "mrad", "N", "m/s")  # units of metrics that both have
+
+
+@functools.cache
+def result_of(name: str, number: int, backend: str) -> Any:
+    """Result of the default job; a text if it is refused before anything moves."""
+    machine, trial = next(one for one in MACHINES if one.name == name), TRIALS[name]
+    entry = find_entry(machine.experiment)
+    experiment, design = entry.load(), drawn_machines(machine)[0][number]
+    more = trial.bodies if backend == BODIES else ()
+    settings = (f"backend={backend}", *trial.settings(design), *more)
+    scenario = load_scenario(experiment.schema, entry.default_scenario, None, settings)
+    scenario.machine = design
+    try:
+        experiment.check(scenario)
+    except ParapodError as refusal:
+        return str(refusal)
+    return experiment.execute(scenario, RunOptions(console=Console(file=io.StringIO())))
+
+
+def trials(count: int, often: str) -> pytest.MarkDecorator:
+    """Parameters of the first machines of each kind, of which some are tried every day."""
+    cases = [
+        pytest.param(
+            machine,
+            number,
+            id=f"{machine.name} {number}",
+            marks=[] if number < getattr(TRIALS[machine.name], often) else [pytest.mark.slow],
+        )
+        for machine in MACHINES
+        for number in range(count)
+    ]
+    return pytest.mark.parametrize(("machine", "number"), cases)
+
+
+def admitted(machine: Any, number: int, backend: str) -> Any:
+    """The result of a job; skips one that is refused."""
+    result = result_of(machine.name, number, backend)
+    if isinstance(result, str):
+        assert "\n" not in result
+        pytest.skip(result)
+    return result
+
+
+@trials(COUNT, "often")
+def test_a_machine_at_random_holds_the_bounds_of_its_default_job(machine, number):
+    result = admitted(machine, number, "kinematic")
+    assert any(metric.is_bounded for metric in result.metrics)
+    assert result.broken == ()
+
+
+@trials(WITH_BODIES, "often_bodies")
+def test_rigid_bodies_of_a_machine_at_random_do_what_its_closed_form_does(machine, number):
+    usual, bodies = (admitted(machine, number, each) for each in ("kinematic", BODIES))
+    assert bodies.broken == ()
+    by_bodies = {metric.key: metric for metric in bodies.metrics}
+    compared = [
+        metric
+        for metric in usual.metrics
+        if metric.bound and metric.unit in ERRORS and metric.key in by_bodies
+    ]
+    assert compared
+    for metric in compared:
+        off = abs(by_bodies[metric.key].value - metric.value)
+        assert off <= TRIALS[machine.name].agreement * metric.bound, metric.key
