@@ -6,8 +6,10 @@ treadmill.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
+
+import numpy as np
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
 from parapod.diagrams.terrain_simulator.model import masses_of
@@ -15,12 +17,16 @@ from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.terrain_simulator.cells import CellsGeometry
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
+from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.terrain_simulator.load_estimator import BenchMasses
 from parapod.systems.terrain_simulator.path import PathLimits
-from parapod.systems.terrain_simulator.workspace import rail_interval
+from parapod.systems.terrain_simulator.ranges import holding_forces
+from parapod.systems.terrain_simulator.workspace import rail_interval, workspace
 
 # Smallest and largest length [mm].
 _SHORT, _LONG = 0.1, 20_000.0
+# Heights at which a level plate is looked for, and end of a rail that is long enough [m].
+_LOOKS, _ENDLESS = 101, 1e3
 
 
 class _Preset(NamedTuple):
@@ -220,3 +226,54 @@ class BenchDesign(Schema):
                 "place.z_mm",
             )
         return round(0.5 * (rear + front), 3) - usual.behind * geometry.link, z
+
+    def check(self) -> None:
+        """Refuses a bench whose links do not close, whose rail is too short, or that is too weak.
+
+        Raises:
+            ScenarioError: names the key, and the admissible values.
+        """
+        if not self.hip_min_mm < self.hip_max_mm:
+            key = "machine.hip_max_mm"
+            raise ScenarioError(
+                f"{key} = {self.hip_max_mm:g} must be more than hip_min_mm = {self.hip_min_mm:g}",
+                key,
+            )
+        geometry, least = self.geometry, self.sliders.least_sin_mu
+        level = workspace(geometry, 0.0, least, _LOOKS)
+        if level.is_empty:
+            self._refuse_empty(geometry, least)
+        middle = len(level.z) // 2
+        pose = np.array((level.ends[middle].mean(), level.z[middle], 0.0))
+        forces = holding_forces(geometry, self.masses, pose, np.zeros(3))
+        largest, most = float(np.abs(forces).max()), self.sliders.max_force_N
+        if largest > most:
+            key = "machine.sliders.max_force_N"
+            raise ScenarioError(
+                f"{key} = {most:g}: it cannot lift its plate: a slider has to hold "
+                f"{largest:.0f} N, {largest - most:.0f} N more; it must be at least "
+                f"{math.ceil(largest)}",
+                key,
+            )
+
+    def _refuse_empty(self, geometry: BenchGeometry, least: float) -> None:
+        """Tells why a level plate can be nowhere: its links, or its rail."""
+        endless = replace(geometry, slider_min=-_ENDLESS, slider_max=_ENDLESS)
+        free = workspace(endless, 0.0, least, _LOOKS)
+        if free.is_empty:
+            key = "machine"
+            raise ScenarioError(
+                f"{key}: links of {1e3 * geometry.link:g} mm, a strut of "
+                f"{1e3 * geometry.strut:g} mm and a lever of {1e3 * geometry.lever:g} mm hold a "
+                f"level plate nowhere with sin mu of {least:g} or more; other lengths are needed",
+                key,
+            )
+        poses = np.stack((0.0 * free.z, free.z, 0.0 * free.z), axis=-1)
+        needed = 1e3 * float(np.ptp(slider_places(geometry, poses), axis=-1).min())
+        key = "machine.slider_max_mm"
+        raise ScenarioError(
+            f"{key} = {self.slider_max_mm:g}: its rail of "
+            f"{self.slider_max_mm - self.slider_min_mm:g} mm is too short for a level plate; it "
+            f"must be more than {math.ceil(self.slider_min_mm + needed)}",
+            key,
+        )

@@ -8,7 +8,7 @@ trails by speed times step without that.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 from xml.etree import ElementTree
 
@@ -32,6 +32,7 @@ from parapod.diagrams.bodies import (
     Stretch,
     fit_link,
     limit_joints,
+    link_bodies,
     place_element,
     place_joints,
 )
@@ -185,7 +186,7 @@ def _from_p(p_OP: tuple[float, float], place: tuple[float, float]) -> tuple[floa
 def masses_of(
     geometry: BenchGeometry, bodies: tuple[tuple[str, Body], ...]
 ) -> tuple[BenchMasses, PlaneBody]:
-    """Masses of a bench, as the plant that is built has them.
+    """Masses of a bench in closed form, as the plant that is built has them.
 
     Args:
         geometry: the bench.
@@ -194,30 +195,30 @@ def masses_of(
     Returns:
         Those of the bench, and that of the tread, which the cells bear.
     """
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-    model = add_bench(plant, geometry, bodies=dict(bodies))
-    context = plant.CreateDefaultContext()
+    masses, name = dict(bodies), "treadmill" if geometry.belt else "pedal"
+    links = link_bodies(f"{_FOLDER}/rail.urdf", partial(_fit_rail, geometry, masses, {}))
+    links |= link_bodies(f"{_FOLDER}/{name}.urdf", partial(_fit_plate, geometry, masses))
 
     def taken(names: Sequence[str], x: float, z: float = 0.0) -> PlaneBody:
-        """Bodies together, about a point of the first one's frame."""
-        parts = [model.body(name) for name in names]
-        inertia = plant.CalcSpatialInertia(
-            context, parts[0].body_frame(), [part.index() for part in parts]
-        )
-        centre = inertia.get_com()
-        about = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
-        ahead, _, above = (centre - (x, 0.0, z)).tolist()
-        return PlaneBody(inertia.get_mass(), (ahead, above), float(about[1, 1]))
+        """Bodies together, about a point of their frame, which is the same."""
+        parts = [links[name] for name in names]
+        total = sum(part.mass for part in parts)
+        places = np.array([part.centre for part in parts])[:, ::2]
+        own = np.array([part.mass for part in parts])
+        centre = own @ places / total
+        inertia = sum((part.inertia or (0.0, 0.0))[1] for part in parts)
+        inertia += float(own @ ((places - centre) ** 2).sum(axis=1))
+        ahead, above = (centre - (x, z)).tolist()
+        return PlaneBody(total, (ahead, above), inertia)
 
     middle = -geometry.p_OP[0], -geometry.p_OP[1]
-    masses = BenchMasses(
+    bench = BenchMasses(
         taken(["slider_1"], 0.0).mass,
         taken(["link_1"], 0.0),
         taken(["strut"], -geometry.strut),
         taken(["plate", "tread"], *middle),
     )
-    return masses, taken(["tread"], *middle)
+    return bench, taken(["tread"], *middle)
 
 
 def add_leg_on_slide(

@@ -139,6 +139,26 @@ class Workspace:
         low = float(self.z[best]) + 0.5 * ((cells - 1) * step - height)
         return Box(float(rear[best]), float(front[best]), low, low + height)
 
+    def largest_box(self) -> Box | None:
+        """The box of the largest area within it; None if it is empty."""
+        if self.is_empty:
+            return None
+        step, best = (self.z_max - self.z_min) / len(self.z), None
+        rear, front = np.nan_to_num(self.ends, nan=np.inf).T.copy()
+        front[np.isinf(front)] = -np.inf
+        rears, fronts, area = rear, front, 0.0
+        for cells in range(1, len(self.z) + 1):
+            # From the middle of its lowest cell to that of its highest one.
+            height = (cells - 1) * step
+            areas = height * (fronts - rears)
+            first = int(areas.argmax())
+            if areas[first] > area:
+                area, low = float(areas[first]), float(self.z[first])
+                best = Box(float(rears[first]), float(fronts[first]), low, low + height)
+            rears = np.maximum(rears[:-1], rear[cells:])
+            fronts = np.minimum(fronts[:-1], front[cells:])
+        return best
+
     def tallest_box(self, width: float) -> Box | None:
         """The tallest box of a width [m] within it; None if no box is as wide."""
         if self.width < width:

@@ -105,11 +105,10 @@ def settled(design: Any) -> Any:
     design = copy.deepcopy(design)
     if hasattr(design, "wheels"):
         design.wheels.depth_mm = -1e3 * design.wheel_geometry.height
-    for name in ("link", "strut", "lever", "plate"):
+    for name in ("link", "strut", "lever", "plate", "strut_gap"):
         if hasattr(design, f"{name}_mm"):
-            setattr(design, f"{name}_mm", 1e3 * getattr(design.geometry, name))
+            setattr(design, f"{name}_mm", 1e3 * (getattr(design.geometry, name) or 0.0))
     if hasattr(design, "cells"):
-        design.strut_gap_mm = 1e3 * (design.geometry.strut_gap or 0.0)
         design.cells.apart_mm = 1e3 * design.cells_geometry.apart
     for name in ("plate", "tread"):
         if hasattr(design, name):

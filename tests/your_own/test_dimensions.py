@@ -100,6 +100,19 @@ def test_a_centre_that_cannot_be_is_refused_in_one_line(setting, words, capsys, 
     refuse("centre-machining", setting, words, capsys, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("machine.strut_mm=60", "hold a level plate nowhere with sin mu of 0.25 or more"),
+        ("machine.slider_max_mm=400", "is too short for a level plate; it must be more than 455"),
+        ("machine.hip_max_mm=300", "must be more than hip_min_mm = 400"),
+        ("machine.plate={mass_kg: 900}", "it cannot lift its plate: a slider has to hold 7206 N"),
+    ],
+)
+def test_a_bench_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
+    refuse("bench-walk", setting, words, capsys, tmp_path)
+
+
 DECK = """<?xml version="1.0"?>
 <robot name="deck">
   <link name="deck">
