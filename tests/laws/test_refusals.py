@@ -245,6 +245,10 @@ REFUSALS = [
     ("run calibrate --set recording=nowhere.npz", r".*'nowhere\.npz'.*No such file.*"),
     ("run calibrate --set poses.count=2", r".*15 poses or more.*"),
     ("run calibrate --set ground.known=false", r".*the ground's roll.*"),
+    (
+        "run level --set machine.wheels.depth_mm=300",
+        r"machine\.wheels\.depth_mm: its wheels touch .* 265 mm deep at most, not 300 mm",
+    ),
     # --- the chair
     (
         "run chair-walk --set passenger.x_mm=100 passenger.y_mm=50",
