@@ -28,7 +28,7 @@ from parapod.diagrams.terrain_simulator.model import add_bench
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.output.options import RunOptions
-from parapod.systems.core.errors import ParapodError, ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.core.schema import Options, check, fields_of
@@ -762,7 +762,7 @@ ERRORS = ("deg", "mm", "mrad", "N", "m/s")  # units of metrics that both have
 
 @functools.cache
 def result_of(name: str, number: int, backend: str) -> Any:
-    """Result of the default job; a text if it is refused before anything moves."""
+    """Result of the default job; a text if it is refused."""
     machine, trial = next(one for one in MACHINES if one.name == name), TRIALS[name]
     entry = find_entry(machine.experiment)
     experiment, design = entry.load(), drawn_machines(machine)[0][number]
@@ -774,7 +774,10 @@ def result_of(name: str, number: int, backend: str) -> Any:
         experiment.check(scenario)
     except ParapodError as refusal:
         return str(refusal)
-    return experiment.execute(scenario, RunOptions(console=Console(file=io.StringIO())))
+    try:
+        return experiment.execute(scenario, RunOptions(console=Console(file=io.StringIO())))
+    except UnreachablePosture as refusal:  # on ground that is known only then
+        return str(refusal)
 
 
 def trials(count: int, often: str) -> pytest.MarkDecorator:
