@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from parapod.systems.core.batching import of_width
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import standing
@@ -185,7 +186,8 @@ def holding_forces(
     """
     rows = jacobian(geometry, pose, footholds)
     inverse = np.linalg.pinv(np.swapaxes(rows, -1, -2))
-    return -np.einsum("...ij,...j->...i", inverse, np.asarray(wrench, dtype=float))
+    load = of_width(wrench, 6, "wrench")
+    return -(inverse @ load[..., np.newaxis])[..., 0]
 
 
 def scaled_jacobian(

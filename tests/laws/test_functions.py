@@ -15,6 +15,7 @@ from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace
 from parapod.systems.levelling_platform.zero_moment_point import ArmMotion, Footing
 from parapod.systems.machining_centre.branch import branch_joints
 from parapod.systems.machining_centre.geometry import CentreGeometry
+from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.platform_mode import inverse_kinematics
 from parapod.systems.machining_centre.swing import lock_sets
 from parapod.systems.terrain_simulator.cells import CellsGeometry
@@ -73,6 +74,7 @@ SAMPLED = {
         "posture": near([0.0, 0.0, 0.477]),
     },
     "machining_centre": {
+        "azimuth": near(1.0, 1.0),
         "end": near(MIDDLE, 0.02),
         "footholds": near(CENTRE.footholds),
         "joints": near(branch_joints(CENTRE, MIDDLE), 1e-5),
@@ -82,6 +84,7 @@ SAMPLED = {
         "poses": near(MIDDLE, 0.02),
         "start": near(MIDDLE, 0.02),
         "twist": near([0.0] * 6, 0.1),
+        "wrench": near([1.0, 2.0, 3.0, 40.0, 50.0, -60.0], 5.0),
     },
     "terrain_simulator": {
         "force": near([150.0, 140.0, 10.0], 20.0),
@@ -131,6 +134,7 @@ FIXED = {
     "limit": 1.0,
     "lock_set": lock_sets(CENTRE, 1)[0],
     "masses": ChairMasses(),
+    "panel": Panel(),
     "params": KinematicPlatformParams(),
     "passenger": Passenger(),
     "places": CHAIR.leg.corners[1],
@@ -142,6 +146,11 @@ FIXED = {
 NOT_STACKED = {"is_clear", "legs_at"}
 # Arguments that are of another size in one function.
 OWN = {
+    "drilling_poses": {
+        "along": near(0.0, 0.1),
+        "across": near(0.0, 0.1),
+        "height": near(0.5, 0.1),
+    },
     "margins_of_terms": {"terms": near([0.1] * 7)},
     "passive_extension": {"extension": near([0.405] * 3)},
     "chair_motion": {
