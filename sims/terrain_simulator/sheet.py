@@ -92,8 +92,8 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @cached_property
     def _limits(self) -> PathLimits:
         """Limits of the drives and of the mechanism alone."""
-        asked = dict.fromkeys(("horizontal", "vertical", "turn"), math.inf)
-        return replace(self.scenario.machine.sliders.limits, **asked)
+        free = dict.fromkeys(("horizontal", "vertical", "turn"), math.inf)
+        return replace(self.scenario.machine.sliders.limits, **free)
 
     @cached_property
     def _path(self) -> PlatePath:

@@ -33,7 +33,7 @@ from parapod.systems.walking_chair.ranges import (
     foot_jacobian,
     foot_places,
     gait_speed,
-    largest_of,
+    largest_size,
     level_range,
     standing_heights,
     straight_corners,
@@ -215,12 +215,14 @@ class ChairSheet(Sheet[ChairScenario]):
     @entry("Ground and gait", "mm")
     def longest_step_mm(self) -> float:
         """Longest step within the strokes, at the gait's lift and height of swing."""
-        return 1e3 * largest_of(self._geometry, self._gait, "step")
+        return 1e3 * largest_size(self._geometry, lambda size: replace(self._gait, step=size))
 
     @entry("Ground and gait", "mm")
     def highest_swing_mm(self) -> float:
         """Greatest height over which a foot swings within the strokes, at the gait's step."""
-        return 1e3 * largest_of(self._geometry, self._gait, "swing_height")
+        return 1e3 * largest_size(
+            self._geometry, lambda size: replace(self._gait, swing_height=size)
+        )
 
     @entry("Ground and gait", "mm/s")
     def walking_speed_mm_s(self) -> float:

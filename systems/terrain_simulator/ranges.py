@@ -5,7 +5,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from parapod.systems.core.batching import of_width
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
 from parapod.systems.terrain_simulator.kinematics import jacobian
@@ -19,7 +21,7 @@ from parapod.systems.terrain_simulator.terrain import Slope, Step, Terrain
 
 # Instants of a stride that are looked at, and strides over a step.
 _INSTANTS, _STRIDES = 120, 8
-_HALVINGS = 30
+_HALVINGS = 22
 _STEEPEST = math.radians(60.0)
 # Highest step and fastest walk that are looked at, by a link's length [-], [1/s].
 _HIGHEST, _FASTEST = 2.0, 100.0
@@ -90,18 +92,19 @@ def _largest(passes: Callable[[float], bool], most: float) -> float:
 
 
 def holding_forces(
-    geometry: BenchGeometry, masses: BenchMasses, pose: Array, load: Array
+    geometry: BenchGeometry, bodies: BenchMasses, pose: ArrayLike, load: ArrayLike
 ) -> Array:
     """Forces (..., 3) of the sliders' drives that hold the bench and a load at rest [N].
 
     Args:
         geometry: the bench.
-        masses: its masses.
+        bodies: its masses.
         pose: (..., 3) x, z, phi [m, m, rad].
         load: (..., 3) F_x, F_z, M_y on the plate at its middle [N, N, N m].
     """
-    motion = np.concatenate((pose, np.zeros((*pose.shape[:-1], 6))), axis=-1)
-    return drive_forces(geometry, masses, motion, np.broadcast_to(load, pose.shape))
+    poses = of_width(pose, 3, "pose")
+    motion = np.concatenate((poses, np.zeros((*poses.shape[:-1], 6))), axis=-1)
+    return drive_forces(geometry, bodies, motion, load)
 
 
 def scaled_jacobian(geometry: BenchGeometry, pose: Array) -> Array:

@@ -1,6 +1,7 @@
 """Ranges of the walking chair in closed form: heights, ground, places of a foot, steps."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,25 +23,26 @@ from parapod.systems.walking_chair.statics import corner_jacobians, force_map
 
 # A length that was computed for an actuator at its stroke's end is admissible, by the stroke [-].
 _ROUNDING = 1e-9
-# Instants of a phase that are looked at.
-_INSTANTS = 61
-_HALVINGS = 40
+# Instants of a phase that are looked at, in each of the parts of a swing too, and those about the
+# one with the largest value.
+_INSTANTS, _CLOSELY = 60, 41
+_HALVINGS = 24
 # Cells along each coordinate in which a foot's places are looked for first.
 _LOOKS = 13
 # Coordinates of a UP branch that differ by less are the same [m, rad].
 _SAME = 1e-6
 
 
-def straight_lengths(leg: LegGeometry, height: ArrayLike) -> NDArray[np.float64]:
+def straight_lengths(geometry: LegGeometry, height: ArrayLike) -> NDArray[np.float64]:
     """Lengths (..., 3) of the branches of a leg that hangs straight [m].
 
     Args:
-        leg: the leg.
+        geometry: the leg.
         height: (...) of the upper platform's face above the foot's corners [m].
     """
     up = np.zeros((*np.shape(height), 3))
-    up[..., 0] = np.asarray(height) - leg.x1 - leg.x2
-    return branch_lengths(leg, up)
+    up[..., 0] = np.asarray(height) - geometry.x1 - geometry.x2
+    return branch_lengths(geometry, up)
 
 
 def straight_ends(leg: LegGeometry) -> tuple[float, float]:
@@ -162,14 +164,14 @@ def foot_places(leg: LegGeometry, cells: int, lean: float) -> FootPlaces:
     return FootPlaces(up, from_joint + leg.upper_joints[0], volume)
 
 
-def foot_jacobian(leg: LegGeometry, up: ArrayLike) -> NDArray[np.float64]:
+def foot_jacobian(geometry: LegGeometry, up: ArrayLike) -> NDArray[np.float64]:
     """Derivative (..., 3, 3) of the place of a foot's middle by the branches' lengths [-].
 
     Args:
-        leg: the leg.
+        geometry: the leg.
         up: (..., 3) coordinates of the UP branch [m, rad, rad].
     """
-    return np.asarray(corner_jacobians(leg, up).mean(axis=-3))
+    return np.asarray(corner_jacobians(geometry, up).mean(axis=-3))
 
 
 def body_stiffness(
@@ -200,37 +202,48 @@ def body_stiffness(
 
 def gait_excess(geometry: ChairGeometry, gait: TrotGait) -> float:
     """Largest excess of a branch over its stroke in a gait [m]; infinite out of reach."""
+
+    def excess(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return stroke_excess(geometry.leg, gait_branches(geometry, one, times).length)
+
     one = replace(gait, cycles=1)
-    times = np.linspace(0.0, one.duration, len(one.phases) * (_INSTANTS - 1) + 1)
-    excess = stroke_excess(geometry.leg, gait_branches(geometry, one, times).length)
-    return math.inf if np.isnan(excess).any() else float(excess.max())
+    return _peak(one, excess)
 
 
 def gait_speed(geometry: ChairGeometry, gait: TrotGait) -> float:
-    """Largest speed of a branch in a gait [m/s]."""
+    """Largest speed of a branch in a gait [m/s]; infinite out of reach."""
+
+    def speed(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.abs(gait_branches(geometry, one, times).velocity)
+
     one = replace(gait, cycles=1)
-    times = np.linspace(0.0, one.duration, len(one.phases) * (_INSTANTS - 1) + 1)
-    return float(np.abs(gait_branches(geometry, one, times).velocity).max())
+    return _peak(one, speed)
 
 
-def largest_of(geometry: ChairGeometry, gait: TrotGait, name: str) -> float:
-    """Largest step or height of a swing with which a gait is within the strokes [m].
+def _peak(
+    gait: TrotGait, values_at: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> float:
+    """Largest value (k, 4, 3) in a gait, looked at closely where it is; infinite for NaN."""
+    times = np.linspace(0.0, gait.duration, len(gait.phases) * _INSTANTS + 1)
+    values = values_at(times).max(axis=(1, 2))
+    if np.isnan(values).any():
+        return math.inf
+    place = int(values.argmax())
+    low, high = times[max(0, place - 1)], times[min(place + 1, len(times) - 1)]
+    return max(float(values[place]), float(values_at(np.linspace(low, high, _CLOSELY)).max()))
+
+
+def largest_size(geometry: ChairGeometry, gait_of: Callable[[float], TrotGait]) -> float:
+    """Largest size with which a gait is within the strokes [m]; 0 if none will do.
 
     Args:
         geometry: the chair.
-        gait: the gait, whose other sizes stay.
-        name: `step` or `swing_height`.
-
-    Returns:
-        The length; 0 if none will do.
+        gait_of: gait with a size [m], such as that of its steps.
     """
     stroke = geometry.leg.stroke
     low, high = 0.0, 2.0 * stroke
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        sizes: dict[str, float] = {name: middle}
-        fits = gait_excess(geometry, replace(gait, **sizes)) <= _ROUNDING * stroke  # type: ignore[arg-type]
+        fits = gait_excess(geometry, gait_of(middle)) <= _ROUNDING * stroke
         low, high = (middle, high) if fits else (low, middle)
-        if high - low < _ROUNDING * stroke:
-            break
     return low

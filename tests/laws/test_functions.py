@@ -98,6 +98,7 @@ SAMPLED = {
         "z": near(0.28, 0.01),
     },
     "walking_chair": {
+        "azimuth": near(0.5, 0.4),
         "body": several(
             lambda *parts: BodyMotion(
                 parts[0], np.eye(3), velocity=parts[1], acceleration=parts[2]
