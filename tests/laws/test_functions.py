@@ -107,7 +107,6 @@ SAMPLED = {
             near([0.0] * 3),
             near([0.0] * 3),
         ),
-        "azimuth": near(1.0, 1.0),
         "body_position": near(START.body.position),
         "feet": near(START.feet.position),
         "from_joint": near(CORNER),
