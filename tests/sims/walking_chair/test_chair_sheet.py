@@ -20,6 +20,7 @@ from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.leg import branch_lengths, is_within_joints, up_of_corner
 from parapod.systems.walking_chair.ranges import (
     body_stiffness,
+    level_range,
     overlap,
     straight_lengths,
     straight_stance,
@@ -101,11 +102,16 @@ def test_the_volume_of_a_foot_is_that_of_random_places(scenario, sheet):
     assert sheet.foot_volume_m3 == pytest.approx(reached.mean() * (high - low).prod(), rel=0.01)
 
 
-def test_on_the_steepest_ground_legs_are_at_both_ends_of_their_range(scenario, sheet):
-    feet = sheet._feet
-    rise = math.tan(math.radians(sheet.level_range_roll_deg))
-    heights = (rise * feet[..., 0]).max(axis=1)  # soles on ground that rises to the right
-    assert 1e3 * np.ptp(heights) == pytest.approx(sheet.step_height_mm)
+def test_on_the_steepest_ground_legs_are_at_both_ends_of_their_range():
+    scenario = ChairScenario()
+    leg = scenario.machine.placements[0]  # behind on the left, from now on farther
+    leg.x_mm, leg.y_mm = -200.0, -300.0
+    sheet, uphill = ChairSheet(scenario), np.array((-0.6, -0.8))
+    azimuth = math.atan2(*uphill[::-1])
+    rise = np.tan(level_range(scenario.machine.geometry, azimuth))
+    # A level sole rests on its corner that is farthest uphill.
+    heights = [max(rise * corner @ uphill for corner in foot) for foot in sheet._feet]
+    assert 1e3 * (max(heights) - min(heights)) == pytest.approx(sheet.step_height_mm)
 
 
 def test_stiffness_is_the_curvature_of_the_energy_in_the_branches(scenario):
@@ -140,6 +146,16 @@ def test_the_seat_sinks_by_its_load_through_the_stiffness(scenario):
     soft = ChairScenario()
     soft.machine.drives.stiffness_N_um = 0.5
     assert ChairSheet(soft, one.wrench).deflection_mm == pytest.approx(2.0 * one.deflection_mm)
+
+
+def test_a_push_at_the_seat_does_the_work_that_the_branches_store(scenario):
+    push = np.array((80.0, 0.0, 0.0))
+    sheet = ChairSheet(scenario, (*push.tolist(), 0.0, 0.0, 0.0))
+    seat = np.array((0.0, 0.0, scenario.machine.geometry.seat_height))
+    motion = np.linalg.solve(sheet._stiffness, np.concatenate((push, np.cross(seat, push))))
+    # To the side, where it is pushed, by the chair's symmetry.
+    work = motion @ sheet._stiffness @ motion
+    assert 1e-3 * sheet.deflection_mm * push[0] == pytest.approx(work)
 
 
 def test_the_retracted_chair_bears_its_weight_on_four_feet(scenario):
