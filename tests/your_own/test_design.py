@@ -1,10 +1,12 @@
-"""The worked example of a design, in small: what is searched for is what rigid bodies do."""
+"""The worked examples of designs, in small: what is searched for is what rigid bodies do."""
 
 import yaml
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.sims.cli.main import main
 from parapod.sims.levelling_platform.sheet import PlatformSheet
+from parapod.sims.terrain_simulator.sheet import BenchSheet
 from parapod.systems.core.scenario_file import load_scenario
 
 RANGES = {
@@ -30,3 +32,15 @@ def test_a_platform_that_is_designed_to_level_steeper_ground_does(tmp_path, caps
     assert sheet.value("level_range_deg") >= 8.0
     usual = PlatformSheet(load_scenario(LevellingScenario))
     assert sheet.value("footprint_m2") < usual.value("footprint_m2")
+
+
+def test_a_bench_that_is_designed_for_a_large_box_has_a_larger_one(tmp_path):
+    mine = tmp_path / "bench.yaml"
+    ranges = ["machine.link_mm=220:320", "machine.strut_mm=320:440"]
+    goals = ["--vary", *ranges, "--maximise", "box_area_30_m2", "--hold", "least_sin_mu>=.25"]
+    options = ["--designs", "60", "--population", "20", "--workers", "1", "--into", str(mine)]
+    assert main(["design", "bench-walk", *goals, *options]) == 0
+    usual, larger = (load_scenario(TerrainBenchScenario, machine=path) for path in (None, mine))
+    assert usual.machine.geometry.slider_max == larger.machine.geometry.slider_max
+    areas = [BenchSheet(scenario).value("box_area_30_m2") for scenario in (usual, larger)]
+    assert areas[1] > 1.1 * areas[0]
