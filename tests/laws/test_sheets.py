@@ -51,7 +51,7 @@ def similar(scenario, scale):
             if value is None or power is None:
                 continue
             setattr(part, each.name, (scale**power * np.array(value)).tolist())
-    if hasattr(scenario, "gait"):
+    if hasattr(getattr(scenario, "gait", None), "walk_of"):
         walk = scenario.gait.walk_of(scenario.machine.geometry.leg)
         usual = type(scenario)().gait.walk_of(type(scenario)().machine.geometry.leg)
         assert walk.gaits[0].step == pytest.approx(scale * usual.gaits[0].step)
