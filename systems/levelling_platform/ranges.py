@@ -10,6 +10,7 @@ from scipy.optimize.elementwise import find_root  # type: ignore[import-untyped]
 
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range
+from parapod.systems.levelling_platform.leg import foot_to_centre
 
 _LEVEL = (0.0, 0.0)
 # Largest angle that is looked at [rad].
@@ -35,16 +36,28 @@ def ground_of(inclination: ArrayLike, azimuth: ArrayLike) -> NDArray[np.float64]
 def level_range(geometry: PlatformGeometry, azimuth: ArrayLike) -> NDArray[np.float64]:
     """Largest inclination (...) of ground on which the platform can stand level [rad].
 
+    Closed form: level, every leg reaches heights n . P + r between its ends, n the ground's
+    normal, P from its foot to F and r its roller's radius. The range ends where the highest place
+    of one leg meets the lowest one of another, which is one linear trigonometric equation.
+
     Args:
         geometry: the platform.
         azimuth: (...) direction in which the ground's normal leans, from x against the clock
             [rad].
     """
-
-    def spare(theta: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _spare(height_range(geometry, _LEVEL, ground_of(theta, along)))
-
-    return _last(spare, azimuth)
+    along = np.asarray(azimuth, dtype=float)[..., np.newaxis, np.newaxis]
+    high, low = (
+        np.array([foot_to_centre(leg, getattr(leg, end)) for leg in geometry.legs])
+        for end in ("extension_min", "extension_max")
+    )
+    radius = np.array([leg.foot_radius for leg in geometry.legs])
+    x, y, z = np.moveaxis(high[:, np.newaxis] - low, -1, 0)  # by the leg above and that below
+    # a sin theta + z cos theta + c is their room, of which the first zero ends it.
+    a, c = x * np.cos(along) + y * np.sin(along), radius[:, np.newaxis] - radius
+    with np.errstate(invalid="ignore"):
+        end = np.arctan2(a, z) + np.arccos(np.clip(-c / np.hypot(a, z), -1.0, 1.0))
+    first = np.where(z + c > 0.0, end, 0.0).min(axis=(-1, -2))
+    return np.clip(np.nan_to_num(first, nan=0.0), 0.0, _STEEP)
 
 
 def tilt_range(
