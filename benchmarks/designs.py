@@ -85,7 +85,7 @@ def _searched() -> float:
             times.append(time.perf_counter())
 
     with LocalCrew(2) as crew:
-        search.carry_out(crew, Watching(search.plan), Console(quiet=True))
+        search.carry_out(crew, Watching(search.sampling), Console(quiet=True))
     return times[-1] - times[round(_FIRST * _SEARCHED)]
 
 

@@ -253,7 +253,7 @@ def limit_joints(root: Element, limits: Mapping[str, Mapping[str, float]]) -> No
 def place_element(element: Element, attribute: str, values: ArrayLike) -> None:
     """Gives an attribute other numbers, unless the file's are these but for rounding."""
     numbers = np.asarray(values, dtype=float)
-    if not np.allclose(_read(element, attribute), numbers, rtol=0.0, atol=_SAME):
+    if not (np.abs(_read(element, attribute) - numbers) <= _SAME).all():
         _write(element, attribute, numbers)
 
 

@@ -94,7 +94,7 @@ def _draw_variables(result: SearchResult, canvas: "Canvas") -> None:
     from matplotlib import colormaps
 
     axes: Any = canvas.add_subplot()
-    variables = [v for v in result.search.plan.variables if v.is_number]
+    variables = [v for v in result.search.sampling.variables if v.is_number]
     spans = []
     for variable in variables:
         if variable.quantile is not None:

@@ -76,8 +76,8 @@ class SearchResult:
         return tuple(self._design(number, run) for number, run in enumerate(best, start=1))
 
     def _design(self, number: int, run: int) -> Design:
-        keys = (variable.key for variable in self.search.plan.variables)
-        settings = dict(zip(keys, self.search.plan.values(run), strict=True))
+        keys = (variable.key for variable in self.search.sampling.variables)
+        settings = dict(zip(keys, self.search.sampling.values(run), strict=True))
         values = {name: float(self.records[name][run]) for name in self.search.names}
         return Design(number, run, settings, values)
 
@@ -120,7 +120,7 @@ class SearchResult:
         if centre is None:
             return {}
         table = {}
-        for variable in self.search.plan.variables:
+        for variable in self.search.sampling.variables:
             beside = {}
             if variable.quantile is not None:
                 low, high = variable.quantile(np.array([0.0, 1.0])).tolist()
@@ -180,7 +180,7 @@ class SearchResult:
         """Headings and rows of the front as a table."""
         goals = [goal.name for goal in self.search.goals]
         others = [name for name in self.search.names if name not in goals]
-        keys = [variable.key for variable in self.search.plan.variables]
+        keys = [variable.key for variable in self.search.sampling.variables]
         heads = ["design", *goals, *others, *map(_last, keys)]
         rows = [
             [

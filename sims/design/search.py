@@ -5,13 +5,13 @@ that a search that goes on with its file asks for the same designs again and tak
 has of them.
 """
 
+import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,10 @@ from parapod.sims.design.goals import Goal, Hold, check_names
 from parapod.sims.design.optimisers import minimise
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.work import Crew, WorkerDied, carry_out
-from parapod.sims.output.progress import counted
+from parapod.sims.lab.work import Crew
 from parapod.sims.output.results import Metric
 from parapod.sims.sheet.sheet import Sheet, find_sheet
-from parapod.sims.study.file import open_file
+from parapod.sims.study.campaign import campaign
 from parapod.sims.study.records import Records
 from parapod.sims.study.runs import Order, Outcome, Software, open_shop, outcome_of
 from parapod.sims.study.sampling import Sampling
@@ -42,6 +41,7 @@ _POPULATION = 10  # designs of a generation, by the number of variables
 _FEWEST, _MOST = 20, 200  # designs of a generation
 _DIGITS = 6  # digits of a variable's value
 _GRID = np.linspace(0.0, 1.0, 1001)  # shares of a distribution
+_ALIKE = 1e-9  # share by which numbers that depend on nothing differ
 # Places in a variable's range at which something has to depend on it.
 _TRIED = (0.1, 0.5, 0.9)
 
@@ -54,6 +54,7 @@ class Plan(Sampling):
         points: values of the variables, by number of the design.
     """
 
+    is_searched: ClassVar[bool] = True
     points: dict[int, tuple[Any, ...]] = field(default_factory=dict)
 
     def values(self, run: int) -> tuple[Any, ...]:
@@ -83,7 +84,7 @@ class Search:
     Attributes:
         entry: the experiment whose machine is designed.
         tree: the scenario that the variables change, as plain data.
-        plan: variables, largest number of designs, seed.
+        sampling: variables, largest number of designs, seed, and designs so far.
         goals: objectives, one or several.
         holds: constraints.
         population: number of designs in a generation.
@@ -92,7 +93,7 @@ class Search:
 
     entry: Entry
     tree: Mapping[str, Any]
-    plan: Plan
+    sampling: Plan
     goals: tuple[Goal, ...]
     holds: tuple[Hold, ...]
     population: int
@@ -158,11 +159,6 @@ class Search:
         return search
 
     @property
-    def sampling(self) -> Plan:
-        """Its designs, as those of a study."""
-        return self.plan
-
-    @property
     def sheet(self) -> type[Sheet[Any]]:
         """The kind of data sheet of the machine."""
         experiment = self.entry.load()
@@ -179,7 +175,7 @@ class Search:
     @property
     def order(self) -> "DesignOrder":
         """The part of it that workers need."""
-        keys = tuple(variable.key for variable in self.plan.variables)
+        keys = tuple(variable.key for variable in self.sampling.variables)
         return DesignOrder(self.entry.name, self.tree, keys, self.software, self.names)
 
     def as_json(self) -> dict[str, Any]:
@@ -187,12 +183,12 @@ class Search:
         return {
             "software": asdict(self.software),
             "experiment": self.entry.name,
-            "variables": {variable.key: variable.text for variable in self.plan.variables},
+            "variables": {variable.key: variable.text for variable in self.sampling.variables},
             "goals": list(map(str, self.goals)),
             "holds": list(map(str, self.holds)),
-            "designs": self.plan.runs,
+            "designs": self.sampling.runs,
             "population": self.population,
-            "seed": self.plan.seed,
+            "seed": self.sampling.seed,
             "scenario": json.loads(json.dumps(self.tree)),
         }
 
@@ -206,14 +202,14 @@ class Search:
         Raises:
             ScenarioError: names it.
         """
-        middle = [_value(variable, 0.5) for variable in self.plan.variables]
-        for place, variable in enumerate(self.plan.variables):
+        middle = [_value(variable, 0.5) for variable in self.sampling.variables]
+        for place, variable in enumerate(self.sampling.variables):
             rows = []
             for share in _TRIED:
                 values = [*middle]
                 values[place] = _value(variable, share)
                 rows.append([metric.value for metric in self.evaluate(values).metrics])
-            if rows[0] and rows[0] == rows[1] == rows[2]:
+            if all(rows) and np.allclose(rows, rows[0], rtol=_ALIKE, atol=0.0):
                 raise ScenarioError(
                     f"{variable.key}: nothing of {', '.join(self.names)} depends on it",
                     variable.key,
@@ -231,7 +227,7 @@ class Search:
 
         Args:
             crew: does the work.
-            records: empty ones of `plan`; they take what the file has, and what comes out.
+            records: empty ones of `sampling`; they take what the file has, and what comes out.
             console: console for progress.
             path: the table that is written, *.parquet; None for none.
             resume: true to go on with an existing one.
@@ -242,46 +238,28 @@ class Search:
             AnotherVersion: a worker has other software.
             MissingExtra: several objectives need pymoo, which is not installed.
         """
-        with ExitStack() as stack:
-            file = None
-            if path is not None:
-                file = stack.enter_context(open_file(path, self.as_json(), records, resume))
-            total, before = self.plan.runs, int(records.done.sum())
-            report = stack.enter_context(counted(console, "designs", total, before))
-            count = 0
+        work = partial(evaluate, self.order)
+        file = None if path is None else (path, self.as_json(), resume)
+        with campaign("designs", work, crew, records, console, file) as work_out:
+            numbers = itertools.count()
 
-            def work_out(shares: Array) -> tuple[Array, Array]:
+            def score(shares: Array) -> tuple[Array, Array]:
                 """Objectives (n, m) to be small, and violations (n), of designs by shares."""
-                nonlocal count
-                runs = list(range(count, count + len(shares)))
-                count += len(shares)
+                runs = list(itertools.islice(numbers, len(shares)))
                 for run, row in zip(runs, shares.tolist(), strict=True):
-                    self.plan.take(run, _point(self.plan.variables, row))
-                for outcome in self._missing(crew, runs, records):
-                    records.add(outcome)
-                    if file is not None:
-                        file.add(outcome)
-                    report(int(records.done.sum()))
-                report(max(count, before))
+                    self.sampling.take(run, _point(self.sampling.variables, row))
+                work_out(runs)
                 return self.scores(records, runs)
 
-            minimise(work_out, self._start(), len(self.goals), self.plan.runs, self.plan.seed)
-
-    def _missing(self, crew: Crew, runs: Sequence[int], records: Records) -> Iterator[Outcome]:
-        missing = [run for run in runs if not records.done[run]]
-        pieces = ((run, self.plan.values(run)) for run in missing)
-        for place, outcome in carry_out(crew, partial(evaluate, self.order), pieces):
-            if isinstance(outcome, WorkerDied):
-                outcome = Outcome(missing[place], error=str(outcome))
-            yield outcome
+            minimise(score, self._start(), len(self.goals), self.sampling.runs, self.sampling.seed)
 
     def _start(self) -> Array:
         """Shares (population, variables) of the first designs; the first one is as it is set."""
         from scipy.stats import qmc  # type: ignore[import-untyped]
 
-        count = len(self.plan.variables)
-        shares: Array = qmc.LatinHypercube(count, rng=self.plan.seed).random(self.population)
-        for place, variable in enumerate(self.plan.variables):
+        count = len(self.sampling.variables)
+        shares: Array = qmc.LatinHypercube(count, rng=self.sampling.seed).random(self.population)
+        for place, variable in enumerate(self.sampling.variables):
             node: Any = self.tree
             for key in variable.key.split("."):
                 node = node[int(key)] if isinstance(node, list) else node[key]

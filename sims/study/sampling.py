@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,14 @@ class Sampling:
       of both as there are variables. What is left of the runs are further points of the sequence.
 
     Attributes:
+        is_searched: true if the values of a run are known once it has been asked for.
         kind: one of `SAMPLINGS`.
         variables: the variables.
         runs: number of runs.
         seed: seed of the random samplings.
     """
 
+    is_searched: ClassVar[bool] = False
     kind: str
     variables: tuple[Variable, ...]
     runs: int
@@ -86,11 +88,6 @@ class Sampling:
 
     def take(self, run: int, values: Sequence[Any]) -> None:
         """Notes the values of a run that a file has; those of a sampling follow from itself."""
-
-    @property
-    def is_searched(self) -> bool:
-        """Whether values are known of those runs alone that have been asked for."""
-        return self.kind == "search"
 
     @property
     def shape(self) -> tuple[int, ...]:

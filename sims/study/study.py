@@ -3,7 +3,6 @@
 import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,11 +14,10 @@ from rich.console import Console
 
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.work import Crew, WorkerDied, carry_out
-from parapod.sims.output.progress import counted
-from parapod.sims.study.file import open_file
+from parapod.sims.lab.work import Crew
+from parapod.sims.study.campaign import campaign
 from parapod.sims.study.records import Records
-from parapod.sims.study.runs import Order, Outcome, Software, carry_out_run
+from parapod.sims.study.runs import Order, Software, carry_out_run
 from parapod.sims.study.sampling import Sampling
 from parapod.sims.study.variables import Variable, read_variables
 from parapod.systems.core.errors import ScenarioError
@@ -144,25 +142,10 @@ class Study:
             NoWorkers: nothing carries out anything any more; what is done is in the file.
             AnotherVersion: a worker has other software.
         """
-        with ExitStack() as stack:
-            file = None
-            if path is not None:
-                file = stack.enter_context(open_file(path, self.as_json(), records, resume))
-            missing = self._in_order(np.flatnonzero(~records.done))
-            pieces = ((run, self.sampling.values(run)) for run in missing)
-            total = self.sampling.runs
-            runs_done = total - len(missing)
-            report = stack.enter_context(counted(console, self.entry.name, total, runs_done))
-            report(runs_done)
-            for place, outcome in carry_out(crew, partial(carry_out_run, self.order), pieces):
-                run = missing[place]
-                if isinstance(outcome, WorkerDied):
-                    outcome = Outcome(run, error=str(outcome))
-                records.add(outcome)
-                if file is not None:
-                    file.add(outcome)
-                runs_done += 1
-                report(runs_done)
+        work = partial(carry_out_run, self.order)
+        file = None if path is None else (path, self.as_json(), resume)
+        with campaign(self.entry.name, work, crew, records, console, file) as work_out:
+            work_out(self._in_order(np.flatnonzero(~records.done)))
 
     def _in_order(self, runs: NDArray[np.int_]) -> list[int]:
         """Runs of the same structure after each other, for workers build each structure once."""

@@ -32,7 +32,7 @@ def search_for(goals, holds=(), vary=VARY, **options):
 
 
 def carried_out(search, **options):
-    records = Records(search.plan)
+    records = Records(search.sampling)
     with ThreadPoolExecutor(1) as executor:
         search.carry_out(Crew(executor, 1), records, QUIET, **options)
     return SearchResult(search, records)
@@ -100,7 +100,7 @@ def test_the_least_footprint_is_where_the_constraint_or_the_range_ends():
 
 
 def test_the_first_design_is_the_machine_as_it_is_set(two_goals):
-    assert two_goals.search.plan.values(0) == (400.0, 440.0)
+    assert two_goals.search.sampling.values(0) == (400.0, 440.0)
 
 
 # Files
@@ -127,9 +127,9 @@ def test_a_search_that_is_killed_goes_on_to_the_same_end(two_goals, tmp_path):
     path = tmp_path / "design.parquet"
     search = search_for([STEEP, SMALL], designs=120, population=20)
     with ThreadPoolExecutor(1) as executor, pytest.raises(Killed):
-        search.carry_out(DyingCrew(executor, 3), Records(search.plan), QUIET, path)
+        search.carry_out(DyingCrew(executor, 3), Records(search.sampling), QUIET, path)
     search = search_for([STEEP, SMALL], designs=120, population=20)
-    records = Records(search.plan)
+    records = Records(search.sampling)
     with ThreadPoolExecutor(1) as executor:
         search.carry_out(Crew(executor, 1), records, QUIET, path, resume=True)
     assert SearchResult(search, records).front == two_goals.front
@@ -166,6 +166,7 @@ def test_a_picked_machine_is_one_that_can_be_run(tmp_path, capsys):
         ({"goals": [SMALL, SMALL]}, "given twice"),
         ({"vary": {"ground.roll_deg": "0:1"}}, "is not below machine"),
         ({"vary": {"machine.sensors.accel_bias_mg": "0:2"}}, "nothing of footprint_m2 depends"),
+        ({"vary": {"machine.legs.l_7_mm": "190:220"}}, "nothing of footprint_m2 depends"),
         ({"designs": 10, "population": 20}, "fewer than one generation of 20"),
     ],
 )
