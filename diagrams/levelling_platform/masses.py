@@ -18,6 +18,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
 from parapod.diagrams.bodies import Body, link_bodies
+from parapod.diagrams.cad_models import OwnModel
 from parapod.diagrams.levelling_platform.model import (
     BASE,
     LEGS,
@@ -29,7 +30,6 @@ from parapod.diagrams.levelling_platform.model import (
     fit_leg,
     fit_wheel,
 )
-from parapod.diagrams.own_models import OwnModel
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
 from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry

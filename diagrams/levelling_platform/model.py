@@ -32,9 +32,9 @@ from parapod.diagrams.bodies import (
     place_joints,
     set_attribute,
 )
+from parapod.diagrams.cad_models import OwnModel
 from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
-from parapod.diagrams.own_models import OwnModel
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import (
     ARM_BASE,

@@ -13,7 +13,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
 from pydrake.systems.framework import LeafSystem
 
-from parapod.diagrams.own_models import find_frame, find_joints, parse_model
+from parapod.diagrams.cad_models import find_frame, find_joints, parse_model
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.impedance import FootImpedance, ImpedanceParams

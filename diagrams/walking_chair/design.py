@@ -245,8 +245,8 @@ class ChairDesign(Schema):
         """Refuses drives that do not lift the empty chair on four feet."""
         geometry, masses, drives = self.geometry, self.masses, self.drives
         stances = straight_stance(geometry)
-        nobody = Passenger(0.0)
-        forces = resting_forces(stances, nobody, masses, drives.stiffness)
+        empty_seat = Passenger(0.0)
+        forces = resting_forces(stances, empty_seat, masses, drives.stiffness)
         largest = float(np.abs(forces).max())
         if largest > drives.max_force_N:
             key = "machine.drives.max_force_N"

@@ -96,8 +96,8 @@ def add_chair(
         weigh = functools.partial(_weigh, passenger)
         add_adapted_model(parser, f"{_FOLDER}/passenger.urdf", "passenger", weigh)
     else:
-        nobody = inertia_of(passenger)
-        plant.AddRigidBody("passenger", plant.AddModelInstance("passenger"), nobody)
+        massless = inertia_of(passenger)
+        plant.AddRigidBody("passenger", plant.AddModelInstance("passenger"), massless)
     plant.WeldFrames(seat, plant.GetFrameByName("passenger"))
     slab = add_ground(parser)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("ground", slab))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.sims.lab.discovery import find_entry
-from parapod.sims.sheet.sheet import Sheet
+from parapod.sims.sheet.sheet import AnySheet
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import did_you_mean, quoted
 
@@ -80,7 +80,7 @@ class Hold:
         return np.maximum(beyond, 0.0) / max(abs(self.limit), 1e-9)
 
 
-def check_names(names: Sequence[str], sheet: type[Sheet[Any]]) -> None:
+def check_names(names: Sequence[str], sheet: type[AnySheet]) -> None:
     """Refuses names that are neither entries of a sheet nor metrics of an experiment.
 
     Raises:

@@ -17,7 +17,7 @@ from rich.text import Text
 from parapod.sims.design.goals import front_of
 from parapod.sims.design.search import Search
 from parapod.sims.sheet.page import shown
-from parapod.sims.sheet.sheet import Sheet
+from parapod.sims.sheet.sheet import AnySheet
 from parapod.sims.study.records import Records
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.schema import checked
@@ -147,7 +147,7 @@ class SearchResult:
         order = replace(self.search.order, keys=tuple(values))
         return order.scenario(self.search.entry.load().schema, tuple(values.values()))
 
-    def sheet(self, design: Design) -> Sheet[Any]:
+    def sheet(self, design: Design) -> AnySheet:
         """The data sheet of a design."""
         experiment = self.search.entry.load()
         return self.search.sheet(experiment.machine_scenario(self.scenario(design)))

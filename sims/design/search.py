@@ -24,7 +24,7 @@ from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.work import Crew
 from parapod.sims.output.results import Metric
-from parapod.sims.sheet.sheet import Sheet, find_sheet
+from parapod.sims.sheet.sheet import AnySheet, find_sheet
 from parapod.sims.study.campaign import campaign
 from parapod.sims.study.records import Records
 from parapod.sims.study.runs import Order, Outcome, Software, open_shop, outcome_of
@@ -159,7 +159,7 @@ class Search:
         return search
 
     @property
-    def sheet(self) -> type[Sheet[Any]]:
+    def sheet(self) -> type[AnySheet]:
         """The kind of data sheet of the machine."""
         experiment = self.entry.load()
         if not isinstance(experiment, LoopExperiment):

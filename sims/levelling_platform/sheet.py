@@ -63,7 +63,7 @@ _LONG_WAY = 20.0  # time after which it is level on that ground [s]
 _LEANS = np.radians(np.arange(0.0, 91.0, 5.0))
 
 
-class PlatformSheet(Sheet[LevellingScenario]):
+class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatformParams]):
     """Data sheet of a platform.
 
     The wrench acts at the arm's tip, the arm upright.
@@ -76,14 +76,6 @@ class PlatformSheet(Sheet[LevellingScenario]):
     )  # fmt: skip
 
     # Parts of the machine that entries share.
-
-    @cached_property
-    def _geometry(self) -> PlatformGeometry:
-        return self.scenario.machine.geometry
-
-    @cached_property
-    def _masses(self) -> KinematicPlatformParams:
-        return self.scenario.machine.masses
 
     @cached_property
     def _height(self) -> float:
@@ -104,16 +96,16 @@ class PlatformSheet(Sheet[LevellingScenario]):
 
     @cached_property
     def _level_ranges(self) -> NDArray[np.float64]:
-        return level_range(self._geometry, self._azimuths)
+        return level_range(self.geometry, self._azimuths)
 
     @cached_property
     def _grid(self) -> PostureGrid:
-        return posture_grid(self._geometry, _CELLS)
+        return posture_grid(self.geometry, _CELLS)
 
     @cached_property
     def _tips(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Tips (n, 3) [m] and the volumes (n) that they stand for [m^3]."""
-        return tips_and_volumes(self._geometry, self._arm, self._grid)
+        return tips_and_volumes(self.geometry, self._arm, self._grid)
 
     @cached_property
     def _length(self) -> float:
@@ -122,7 +114,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
 
     def _jacobians(self, posture: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rates of the extensions (..., 4, 3) by those of the posture, angles as lengths [-]."""
-        jacobian = posture_jacobian(self._geometry, posture, _LEVEL)
+        jacobian = posture_jacobian(self.geometry, posture, _LEVEL)
         return jacobian / (self._length, self._length, 1.0)
 
     @cached_property
@@ -134,12 +126,12 @@ class PlatformSheet(Sheet[LevellingScenario]):
     @entry("Size", "mm")
     def length_mm(self) -> float:
         """Length over the feet, level at the working height."""
-        return 1e3 * float(np.ptp(self._feet[:, 0]) + 2.0 * self._geometry.foot_radius)
+        return 1e3 * float(np.ptp(self._feet[:, 0]) + 2.0 * self.geometry.foot_radius)
 
     @entry("Size", "mm")
     def width_mm(self) -> float:
         """Width over the feet, level at the working height."""
-        return 1e3 * float(np.ptp(self._feet[:, 1]) + 2.0 * self._geometry.foot_radius)
+        return 1e3 * float(np.ptp(self._feet[:, 1]) + 2.0 * self.geometry.foot_radius)
 
     @entry("Size", "m^2")
     def footprint_m2(self) -> float:
@@ -167,12 +159,12 @@ class PlatformSheet(Sheet[LevellingScenario]):
     @entry("Masses", "kg")
     def mass_kg(self) -> float:
         """Mass of all, arm and wheels included."""
-        return self._masses.mass + self._masses.arm_mass
+        return self.masses.mass + self.masses.arm_mass
 
     @entry("Masses", "kg")
     def arm_mass_kg(self) -> float:
         """Mass of the arm."""
-        return self._masses.arm_mass
+        return self.masses.arm_mass
 
     @entry("Masses", "mm")
     def centre_of_mass_mm(self) -> float:
@@ -181,7 +173,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
 
     def _centre(self, lean: float, turn: NDArray[np.float64]) -> NDArray[np.float64]:
         """Centre of mass (n, 3) from F, with the arm at a lean and turns (n) [m]."""
-        arm, masses = replace(self._arm, lean=lean, turn=turn), self._masses
+        arm, masses = replace(self._arm, lean=lean, turn=turn), self.masses
         point = masses.centre_with(arm.point_at(masses.arm_centre / arm.length))
         return np.stack(np.broadcast_arrays(*point), axis=-1)
 
@@ -195,29 +187,29 @@ class PlatformSheet(Sheet[LevellingScenario]):
     @entry("Ground and tilt", "deg")
     def level_range_roll_deg(self) -> float:
         """Largest inclination of ground that rises to one side."""
-        return math.degrees(level_range(self._geometry, (0.5 * math.pi, -0.5 * math.pi)).min())
+        return math.degrees(level_range(self.geometry, (0.5 * math.pi, -0.5 * math.pi)).min())
 
     @entry("Ground and tilt", "deg")
     def level_range_pitch_deg(self) -> float:
         """Largest inclination of ground that rises ahead or behind."""
-        return math.degrees(level_range(self._geometry, (0.0, math.pi)).min())
+        return math.degrees(level_range(self.geometry, (0.0, math.pi)).min())
 
     @entry("Ground and tilt", "mm")
     def step_mm(self) -> float:
         """Highest step under any one foot on which it stands level."""
-        return 1e3 * highest_step(self._geometry)
+        return 1e3 * highest_step(self.geometry)
 
     @entry("Ground and tilt", "deg")
     def tilt_deg(self) -> float:
         """Largest tilt on level ground at the working height, whatever the direction."""
-        return math.degrees(tilt_range(self._geometry, self._azimuths, self._height).min())
+        return math.degrees(tilt_range(self.geometry, self._azimuths, self._height).min())
 
     @entry("Ground and tilt", "mm")
     def clearance_mm(self) -> float:
         """Smallest distance of the drawn base from ground that it levels."""
         grounds = ground_of((1.0 - 1e-9) * self._level_ranges, self._azimuths)
         grounds = np.concatenate([grounds, np.zeros((1, 2))])
-        heights = height_range(self._geometry, _LEVEL, grounds)[:, 0]
+        heights = height_range(self.geometry, _LEVEL, grounds)[:, 0]
         normals = np.stack(normal_of(*grounds.T), axis=-1)
         corners = self.scenario.machine.structure.underside
         return 1e3 * float((heights[:, np.newaxis] + normals @ corners.T).min())
@@ -250,11 +242,11 @@ class PlatformSheet(Sheet[LevellingScenario]):
     @cached_property
     def _edge(self) -> NDArray[np.float64]:
         """Extensions (n, 4) on the workspace's faces [m]."""
-        return boundary(self._geometry, _EDGE)
+        return boundary(self.geometry, _EDGE)
 
     @cached_property
     def _edge_tips(self) -> NDArray[np.float64]:
-        return Workspace(self._geometry, self._arm).tip_of_extensions(self._edge)
+        return Workspace(self.geometry, self._arm).tip_of_extensions(self._edge)
 
     # Actuators.
 
@@ -271,11 +263,11 @@ class PlatformSheet(Sheet[LevellingScenario]):
         for ground in grounds:
             low, high = self._heights(ground)
             posture = (0.0, 0.0, 0.5 * (low + high))
-            extension = inverse_kinematics(self._geometry, posture, ground, on_unreachable="nan")
+            extension = inverse_kinematics(self.geometry, posture, ground, on_unreachable="nan")
             for arm in ((0.0, 0.0), *((turn, 0.5 * math.pi) for turn in directions)):
                 stance = stand(
-                    self._geometry,
-                    self._masses,
+                    self.geometry,
+                    self.masses,
                     extension.tolist(),
                     [0.0] * LEG_COUNT,
                     ground.tolist(),
@@ -285,7 +277,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
         return np.abs(np.array(rows))
 
     def _heights(self, ground: NDArray[np.float64]) -> tuple[float, float]:
-        low, high = height_range(self._geometry, _LEVEL, ground).tolist()
+        low, high = height_range(self.geometry, _LEVEL, ground).tolist()
         return low, high
 
     @entry("Actuators", "N")
@@ -330,7 +322,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
     @cached_property
     def _rates(self) -> NDArray[np.float64]:
         """Fastest extension (n, 3) by the rates of roll, pitch and height, over the workspace."""
-        jacobian = posture_jacobian(self._geometry, self._grid.posture, _LEVEL)
+        jacobian = posture_jacobian(self.geometry, self._grid.posture, _LEVEL)
         return np.abs(jacobian).max(axis=1)
 
     # Support.
@@ -356,9 +348,9 @@ class PlatformSheet(Sheet[LevellingScenario]):
     def _support(self, lean: float, turns: int) -> float:
         """Smallest margin over the workspace's faces, and over turns of the arm [m]."""
         centres = self._centre(lean, np.linspace(0.0, 2.0 * math.pi, turns, endpoint=False))
-        attitude = forward_kinematics(self._geometry, self._edge, _LEVEL)[:, :2]
+        attitude = forward_kinematics(self.geometry, self._edge, _LEVEL)[:, :2]
         extension, attitude = self._edge[:, np.newaxis], attitude[:, np.newaxis]
-        return float(stability_margin(self._geometry, extension, attitude, centres).min())
+        return float(stability_margin(self.geometry, extension, attitude, centres).min())
 
     # Accuracy.
 
@@ -386,7 +378,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
     def parallelogram_deg(self) -> float:
         """Smallest angle between a parallelogram's sides: flat ones hold no load."""
         angles = []
-        for leg in self._geometry.legs:
+        for leg in self.geometry.legs:
             for extension in (leg.extension_min, leg.extension_max):
                 sides = leg.l_3**2 + leg.l_4**2 - extension**2
                 angle = math.acos(max(-1.0, min(1.0, sides / (2.0 * leg.l_3 * leg.l_4))))
@@ -402,7 +394,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
         # Platform: it rolls and pitches about its feet, and sinks.
         arm = np.array([x, y, z + self._height])
         on_platform = np.append((moment + np.cross(arm, force))[:2], force[2])
-        stiffness = foot_stiffness_matrix(self._feet, self._masses.foot_stiffness)
+        stiffness = foot_stiffness_matrix(self._feet, self.masses.foot_stiffness)
         roll, pitch, sunk = np.linalg.solve(stiffness, on_platform)
         by_platform = np.add(np.cross((roll, pitch, 0.0), arm), (0.0, 0.0, sunk))
         # Drive of the arm's joint, about y.
@@ -421,7 +413,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
     def signals(self) -> dict[str, NDArray[np.float64]]:
         """Level at the working height."""
         posture = (0.0, 0.0, self._height)
-        extension = inverse_kinematics(self._geometry, posture, _LEVEL)
+        extension = inverse_kinematics(self.geometry, posture, _LEVEL)
         return {"legs.extension": extension, "attitude_estimated": np.zeros(2)}
 
     def demonstrations(self) -> Iterator[Demonstration]:
@@ -444,7 +436,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
 
     def dimensions(self) -> Iterator[Dimension]:
         """Distances of feet and hips, and the working height."""
-        geometry = self._geometry
+        geometry = self.geometry
         hips = np.array([(-leg.l_x, -leg.l_y, -leg.l_z) for leg in geometry.legs])
         feet = np.column_stack([self._feet, np.full(LEG_COUNT, -self._height)])
         lift = np.array([0.0, 0.0, self._height])
@@ -460,7 +452,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
             "l_6 [mm]", "l_7 [mm]", "alpha [deg]", "extension [mm]",
         )  # fmt: skip
         rows: list[list[str | float]] = []
-        for number, leg in enumerate(self._geometry.legs, start=1):
+        for number, leg in enumerate(self.geometry.legs, start=1):
             lengths = (-leg.l_x, -leg.l_y, -leg.l_z)
             row: list[str | float] = [str(number), *(1e3 * length for length in lengths)]
             row.append(math.degrees(leg.beta))
@@ -494,7 +486,7 @@ class PlatformSheet(Sheet[LevellingScenario]):
         azimuths = np.append(self._azimuths, 2.0 * math.pi)
         for colour, ranges, label in (
             (COLOURS[0], self._level_ranges, "levelled ground"),
-            (COLOURS[1], tilt_range(self._geometry, self._azimuths, self._height), "tilt at work"),
+            (COLOURS[1], tilt_range(self.geometry, self._azimuths, self._height), "tilt at work"),
         ):
             axes.plot(
                 azimuths, np.degrees(np.append(ranges, ranges[0])), color=colour, label=label

@@ -51,7 +51,7 @@ _CELLS = 32
 _TRIED = 0.9
 
 
-class CentreSheet(Sheet[CentreScenario]):
+class CentreSheet(Sheet[CentreScenario, CentreGeometry, CentreMasses]):
     """Data sheet of a centre that stands on the panel and drills with the process of its scenario.
 
     The wrench acts at the drill's tip, on the panel amid the feet.
@@ -65,45 +65,37 @@ class CentreSheet(Sheet[CentreScenario]):
     # Parts of the machine that entries share.
 
     @cached_property
-    def _geometry(self) -> CentreGeometry:
-        return self.scenario.machine.geometry
-
-    @cached_property
-    def _masses(self) -> CentreMasses:
-        return self.scenario.machine.masses
-
-    @cached_property
     def _panel(self) -> Panel:
         radius = 1e-3 * self.scenario.panel.radius_mm
-        return Panel(radius if radius > 0.0 else math.inf, self._geometry.foot_height)
+        return Panel(radius if radius > 0.0 else math.inf, self.geometry.foot_height)
 
     @cached_property
     def _process(self) -> Process:
         return Process(
-            tool_length=self._geometry.tool_length,
+            tool_length=self.geometry.tool_length,
             thrust=self.scenario.process.thrust_N,
             torque=self.scenario.process.torque_Nm,
             largest_leg_force=self.leg_force_N,
-            masses=self._masses,
+            masses=self.masses,
         )
 
     @cached_property
     def _posture(self) -> Posture:
         """Posture at home, with the drill's tip on the panel amid the feet."""
-        return standing(self._geometry, self._panel, self._geometry.tool_length)
+        return standing(self.geometry, self._panel, self.geometry.tool_length)
 
     @cached_property
     def _heights(self) -> tuple[float, float]:
-        return upright_heights(self._geometry)
+        return upright_heights(self.geometry)
 
     @cached_property
     def _places(self) -> Places:
-        return platform_places(self._geometry, _CELLS)
+        return platform_places(self.geometry, _CELLS)
 
     @cached_property
     def _drilled(self) -> NDArray[np.float64]:
         """Farthest places (k) that the upright drill reaches on the panel, by azimuth [m]."""
-        return drill_range(self._geometry, self._panel, _AZIMUTHS)
+        return drill_range(self.geometry, self._panel, _AZIMUTHS)
 
     @cached_property
     def _drilling(self) -> NDArray[np.float64]:
@@ -114,7 +106,7 @@ class CentreSheet(Sheet[CentreScenario]):
             self._panel,
             ways * np.cos(_AZIMUTHS),
             ways * np.sin(_AZIMUTHS),
-            self._geometry.tool_length,
+            self.geometry.tool_length,
         )
         return poses.reshape(-1, 6)
 
@@ -123,46 +115,46 @@ class CentreSheet(Sheet[CentreScenario]):
     @entry("Size", "mm")
     def diameter_mm(self) -> float:
         """Diameter of the circle about the feet at home."""
-        return 1e3 * (2.0 * self._geometry.pattern_radius + self._geometry.foot_diameter)
+        return 1e3 * (2.0 * self.geometry.pattern_radius + self.geometry.foot_diameter)
 
     @entry("Size", "m^2")
     def footprint_m2(self) -> float:
         """Area between the ankles at home."""
-        return float(ConvexHull(self._geometry.footholds[:, :2]).volume)
+        return float(ConvexHull(self.geometry.footholds[:, :2]).volume)
 
     @entry("Size", "mm")
     def lowest_height_mm(self) -> float:
         """Lowest height of the upright platform's pivots above the ground."""
-        return 1e3 * (self._heights[0] + self._geometry.foot_height)
+        return 1e3 * (self._heights[0] + self.geometry.foot_height)
 
     @entry("Size", "mm")
     def highest_height_mm(self) -> float:
         """Highest height of the upright platform's pivots above the ground."""
-        return 1e3 * (self._heights[1] + self._geometry.foot_height)
+        return 1e3 * (self._heights[1] + self.geometry.foot_height)
 
     # Masses.
 
     @entry("Masses", "kg")
     def mass_kg(self) -> float:
         """Mass of all: platform, tool and limbs."""
-        return self._masses.platform + self._geometry.limbs * self._masses.limb
+        return self.masses.platform + self.geometry.limbs * self.masses.limb
 
     @entry("Masses", "kg")
     def platform_mass_kg(self) -> float:
         """Mass of the platform with its spindle and tool."""
-        return self._masses.platform
+        return self.masses.platform
 
     @entry("Masses", "kg")
     def limb_mass_kg(self) -> float:
         """Mass of a limb: mount, hinge, two legs, ankle and foot."""
-        return self._masses.limb
+        return self.masses.limb
 
     @entry("Masses", "mm")
     def centre_of_mass_mm(self) -> float:
         """Height of the centre of mass above the panel as it drills, each limb's in its middle."""
-        top, foot = self._geometry.tool_length, self._geometry.foot_height
-        limbs = self._geometry.limbs * self._masses.limb
-        return 1e3 * (self._masses.platform * top + limbs * 0.5 * (top + foot)) / self.mass_kg
+        top, foot = self.geometry.tool_length, self.geometry.foot_height
+        limbs = self.geometry.limbs * self.masses.limb
+        return 1e3 * (self.masses.platform * top + limbs * 0.5 * (top + foot)) / self.mass_kg
 
     # Workspace.
 
@@ -204,22 +196,22 @@ class CentreSheet(Sheet[CentreScenario]):
     @entry("Panel and drill", "deg")
     def tilt_deg(self) -> float:
         """Largest tilt of a hole amid the feet, in every direction."""
-        return math.degrees(tilt_range(self._geometry, self._panel, _AZIMUTHS).min())
+        return math.degrees(tilt_range(self.geometry, self._panel, _AZIMUTHS).min())
 
     @entry("Panel and drill", "mm")
     def depth_mm(self) -> float:
         """Depth to which the drill goes into a plane panel amid the feet."""
-        return 1e3 * (self._geometry.tool_length - self._geometry.foot_height - self._heights[0])
+        return 1e3 * (self.geometry.tool_length - self.geometry.foot_height - self._heights[0])
 
     # Actuators.
 
     @cached_property
     def _loads(self) -> NDArray[np.float64]:
         """Forces (2, n, 2n) of the legs, without the drill and with it, wherever it drills [N]."""
-        geometry, feet = self._geometry, self._posture.feet
+        geometry, feet = self.geometry, self._posture.feet
         out = np.stack(rotation_columns(*self._drilling[:, 3:].T)[2], axis=-1)
         drill = np.hstack((self._process.torque * out, self._process.thrust * out))
-        wrenches = self._masses.weight(geometry) + np.stack((0.0 * drill, drill))
+        wrenches = self.masses.weight(geometry) + np.stack((0.0 * drill, drill))
         return holding_forces(geometry, self._drilling, feet, wrenches)
 
     @entry("Legs", "N")
@@ -261,7 +253,7 @@ class CentreSheet(Sheet[CentreScenario]):
     @cached_property
     def _arm(self) -> float:
         """Largest arm of a leg about P_O, wherever it drills: its speed by a turn [m]."""
-        legs = legs_at(self._geometry, self._drilling, self._posture.feet)
+        legs = legs_at(self.geometry, self._drilling, self._posture.feet)
         return float(np.linalg.norm(np.cross(legs.arms, legs.directions, axis=1), axis=1).max())
 
     # Wrenches.
@@ -269,18 +261,18 @@ class CentreSheet(Sheet[CentreScenario]):
     @entry("Wrenches amid the feet", "N")
     def wrench_capacity_N(self) -> float:
         """Force that is resisted in every direction, moments divided by the platform's radius."""
-        return carried(self._geometry, self._process, *self._posture).capacity
+        return carried(self.geometry, self._process, *self._posture).capacity
 
     @entry("Wrenches amid the feet")
     def wrench_index(self) -> float:
         """Wrench index w_minmax: that force by all that the legs have together."""
-        return carried(self._geometry, self._process, *self._posture).w_minmax
+        return carried(self.geometry, self._process, *self._posture).w_minmax
 
     @entry("Wrenches amid the feet", "N")
     def thrust_N(self) -> float:
         """Largest thrust there with the process's torque, the weight wherever it is worst."""
-        moment = self._process.torque / self._geometry.platform_radius
-        weight = float(np.linalg.norm(self._masses.weight(self._geometry)))
+        moment = self._process.torque / self.geometry.platform_radius
+        weight = float(np.linalg.norm(self.masses.weight(self.geometry)))
         return math.sqrt(max(0.0, self.wrench_capacity_N**2 - moment**2)) - weight
 
     # Accuracy.
@@ -288,18 +280,18 @@ class CentreSheet(Sheet[CentreScenario]):
     @cached_property
     def _singular(self) -> NDArray[np.float64]:
         """Singular values (n, 6) of the Jacobian in the workspace, angles as lengths [-]."""
-        jacobians = scaled_jacobian(self._geometry, self._places.poses)
+        jacobians = scaled_jacobian(self.geometry, self._places.poses)
         return np.linalg.svd(jacobians, compute_uv=False)
 
     @entry("Conditioning and stiffness", "mm")
     def characteristic_length_mm(self) -> float:
         """Characteristic length, which makes angles lengths: radius of the platform's pivots."""
-        return 1e3 * self._geometry.platform_radius
+        return 1e3 * self.geometry.platform_radius
 
     @entry("Conditioning and stiffness")
     def local_conditioning(self) -> float:
         """Local conditioning index while it drills amid the feet: 1 is isotropic, 0 singular."""
-        return float(conditioning(scaled_jacobian(self._geometry, *self._posture)))
+        return float(conditioning(scaled_jacobian(self.geometry, *self._posture)))
 
     @entry("Conditioning and stiffness")
     def global_conditioning(self) -> float:
@@ -329,7 +321,7 @@ class CentreSheet(Sheet[CentreScenario]):
     @cached_property
     def _displacement(self) -> NDArray[np.float64]:
         """Displacement (3) of the drill's tip under the wrench, amid the feet [m]."""
-        geometry, (pose, feet) = self._geometry, self._posture
+        geometry, (pose, feet) = self.geometry, self._posture
         scale = np.repeat((geometry.platform_radius, 1.0), 3)
         rows = scaled_jacobian(geometry, pose, feet) * scale
         force, moment = np.array(self.wrench[:3]), np.array(self.wrench[3:])
@@ -358,11 +350,11 @@ class CentreSheet(Sheet[CentreScenario]):
     def dimensions(self) -> Iterator[Dimension]:
         """Radii of pivots and feet, and heights of platform and ankles."""
         pose, feet = self._posture
-        pivots = self._geometry.pivots + pose[:3]
+        pivots = self.geometry.pivots + pose[:3]
         middle = (0.0, 0.0, float(pose[2]))
         first = feet[0, :3].tolist()
         yield Dimension("plan", middle, first, "feet r")
-        out = (self._geometry.platform_radius, 0.0, float(pose[2]))
+        out = (self.geometry.platform_radius, 0.0, float(pose[2]))
         yield Dimension("plan", middle, out, "pivots r")
         left, right = pivots[0].tolist(), pivots[1].tolist()
         yield Dimension("plan", left, right, "pivots")
@@ -370,7 +362,7 @@ class CentreSheet(Sheet[CentreScenario]):
 
     def tables(self) -> Iterator[Table]:
         """Dimensions of platform, feet and legs."""
-        geometry = self._geometry
+        geometry = self.geometry
         rows: list[list[str | float]] = [
             ["limbs", geometry.limbs],
             ["angle of a limb's middle to its pivots [deg]", math.degrees(geometry.half_angle)],
@@ -406,7 +398,7 @@ class CentreSheet(Sheet[CentreScenario]):
         way = 1e3 * np.append(self._drilled, self._drilled[0])
         axes.fill(way * np.cos(around), way * np.sin(around), color="#9FB8CE")
         axes.plot(way * np.cos(around), way * np.sin(around), color="#5B7083", linewidth=1.0)
-        axes.plot(*(1e3 * self._geometry.footholds[:, :2].T), "k.")
+        axes.plot(*(1e3 * self.geometry.footholds[:, :2].T), "k.")
         axes.set_aspect("equal")
         axes.set_xlabel("x [mm]")
         axes.set_ylabel("y [mm]")
@@ -414,7 +406,7 @@ class CentreSheet(Sheet[CentreScenario]):
     def _draw_tilt(self, canvas: "Canvas") -> None:
         axes: Any = canvas.add_subplot(projection="polar")
         around = np.append(_AZIMUTHS, 2.0 * math.pi)
-        tilts = np.degrees(tilt_range(self._geometry, self._panel, around))
+        tilts = np.degrees(tilt_range(self.geometry, self._panel, around))
         axes.plot(around, tilts, color=COLOURS[0])
         axes.set_ylim(0.0)
         axes.set_thetagrids(range(0, 360, 90), ("x", "y", "-x", "-y"))

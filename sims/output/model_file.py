@@ -88,9 +88,7 @@ def _companions(source: Path) -> Iterator[Path]:
     """Files that a mesh refers to: materials and pictures in the same folder."""
     if source.suffix.lower() not in (".obj", ".mtl", ".gltf"):
         return
-    for name in set(
-        re.findall(r"[^\s\"']+\.(?:mtl|png|jpe?g|bin|ktx2)", source.read_text("utf-8"))
-    ):
+    for name in set(_REFERENCE.findall(source.read_text("utf-8"))):
         other = source.with_name(name)
         if other.is_file() and other != source:
             yield other

@@ -12,12 +12,16 @@ from rich.text import Text
 from parapod.sims.lab.pages import render_page
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.moment import moment
-from parapod.sims.sheet.sheet import WRENCH, Sheet
+from parapod.sims.sheet.sheet import WRENCH, AnySheet
 from parapod.systems.core.scenario_file import dump_scenario
 
 
 def make_page(
-    sheet: Sheet[Any], title: str, subtitle: str, drawings: Sequence[Figure], machine: Any
+    sheet: AnySheet,
+    title: str,
+    subtitle: str,
+    drawings: Sequence[Figure],
+    machine: Any,
 ) -> str:
     """The page.
 
@@ -46,7 +50,7 @@ def make_page(
     )
 
 
-def print_sheet(sheet: Sheet[Any], title: str, console: Console) -> None:
+def print_sheet(sheet: AnySheet, title: str, console: Console) -> None:
     """Prints all entries below their headings."""
     console.print(Text(title, style="bold"))
     grid = Grid(box=SIMPLE_HEAD)
@@ -69,7 +73,7 @@ def shown(value: float) -> str:
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 
-def wrench_text(sheet: Sheet[Any]) -> str:
+def wrench_text(sheet: AnySheet) -> str:
     """The wrench in words."""
     units = ("N",) * 3 + ("N m",) * 3
     parts = zip(WRENCH, sheet.wrench, units, strict=True)

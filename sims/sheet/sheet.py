@@ -2,7 +2,7 @@
 
 A machine's sheet is a class with one method an entry, whose first line says what it is:
 
-    class PlatformSheet(Sheet[LevellingScenario]):
+    class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatformParams]):
         @entry("ground", "deg")
         def level_range_deg(self) -> float:
             \"\"\"Largest inclination of ground that it levels in every direction.\"\"\"
@@ -114,7 +114,7 @@ class Table:
     rows: Sequence[Sequence[str | float]]
 
 
-class Sheet[S]:
+class Sheet[S, G, M]:
     """Data sheet of one machine; a base for those of the kinds.
 
     Attributes:
@@ -140,6 +140,20 @@ class Sheet[S]:
         """
         self.scenario = scenario
         self.wrench = self.usual_wrench if wrench is None else wrench
+
+    @cached_property
+    def geometry(self) -> G:
+        """Dimensions of the machine in SI units."""
+        scenario: Any = self.scenario
+        geometry: G = scenario.machine.geometry
+        return geometry
+
+    @cached_property
+    def masses(self) -> M:
+        """Masses of the machine."""
+        scenario: Any = self.scenario
+        masses: M = scenario.machine.masses
+        return masses
 
     @classmethod
     def entries(cls) -> Mapping[str, Entry]:
@@ -213,6 +227,9 @@ class Sheet[S]:
         }
 
 
+type AnySheet = Sheet[Any, Any, Any]
+
+
 @cache
 def _entries_of(kind: Any) -> Mapping[str, Entry]:
     bases = reversed(kind.__mro__)
@@ -221,7 +238,7 @@ def _entries_of(kind: Any) -> Mapping[str, Entry]:
 
 
 @cache
-def find_sheet(machine: str) -> type[Sheet[Any]]:
+def find_sheet(machine: str) -> type[Sheet[Any, Any, Any]]:
     """The kind of sheet of a machine, by the machine's name.
 
     Raises:
@@ -231,7 +248,7 @@ def find_sheet(machine: str) -> type[Sheet[Any]]:
     if machine not in sheets:
         names = ", ".join(sorted(sheets))
         raise ParapodError(f"the machine '{machine}' has no data sheet; there are: {names}")
-    kind: type[Sheet[Any]] = sheets[machine].load()
+    kind: type[Sheet[Any, Any, Any]] = sheets[machine].load()
     return kind
 
 

@@ -61,7 +61,7 @@ _TRIED = 0.97
 _NOWHERE = Box(0.0, 0.0, 0.0, 0.0)
 
 
-class BenchSheet(Sheet[TerrainBenchScenario]):
+class BenchSheet(Sheet[TerrainBenchScenario, BenchGeometry, BenchMasses]):
     """Data sheet of a bench, with the leg, the gait and the terrain of its scenario.
 
     Its plate takes angles of 45 deg either way (pedal) or 14 deg (treadmill), as Table 1 asks.
@@ -76,14 +76,6 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     )  # fmt: skip
 
     # Parts of the machine that entries share.
-
-    @cached_property
-    def _geometry(self) -> BenchGeometry:
-        return self.scenario.machine.geometry
-
-    @cached_property
-    def _masses(self) -> BenchMasses:
-        return self.scenario.machine.masses
 
     @cached_property
     def _walk(self) -> BenchWalk:
@@ -108,12 +100,12 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @cached_property
     def _most(self) -> float:
         """Angle of the plate either way [rad]."""
-        belt = self._geometry.belt
+        belt = self.geometry.belt
         return SPECIFICATION.treadmill_angle if belt else SPECIFICATION.pedal_angle
 
     def _workspace(self, *angles: float) -> Workspace:
         least = self.scenario.machine.sliders.least_sin_mu
-        return workspace(self._geometry, angles, least, _CELLS)
+        return workspace(self.geometry, angles, least, _CELLS)
 
     @cached_property
     def _common(self) -> Workspace:
@@ -127,7 +119,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @cached_property
     def _box(self) -> Box:
         """Widest box, as tall as entries say, with all angles; without extent if there is none."""
-        return self._common.widest_box(_TALL * self._geometry.link) or _NOWHERE
+        return self._common.widest_box(_TALL * self.geometry.link) or _NOWHERE
 
     @cached_property
     def _largest(self) -> Box:
@@ -156,7 +148,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @entry("Size", "mm")
     def rail_mm(self) -> float:
         """Length of the rail between the ends of the sliders' ways."""
-        return 1e3 * (self._geometry.slider_max - self._geometry.slider_min)
+        return 1e3 * (self.geometry.slider_max - self.geometry.slider_min)
 
     @entry("Size", "mm")
     def lowest_plate_mm(self) -> float:
@@ -178,17 +170,17 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @entry("Masses", "kg")
     def moving_mass_kg(self) -> float:
         """Mass of what moves: sliders, links, strut and plate with its tread."""
-        return moving_mass(self._masses)
+        return moving_mass(self.masses)
 
     @entry("Masses", "kg")
     def plate_mass_kg(self) -> float:
         """Mass of the plate with its tread."""
-        return self._masses.plate.mass
+        return self.masses.plate.mass
 
     @entry("Masses", "mm")
     def centre_of_mass_mm(self) -> float:
         """Height of the centre of what moves above the rail, where it walks over level ground."""
-        return 1e3 * centre_height(self._geometry, self._masses, self._path.z_c)
+        return 1e3 * centre_height(self.geometry, self.masses, self._path.z_c)
 
     # Workspace.
 
@@ -254,27 +246,27 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @entry("Terrains", "deg")
     def slope_up_deg(self) -> float:
         """Steepest slope that it plays uphill in the gait, by the drives."""
-        return math.degrees(largest_slope(self._geometry, self._path, self._limits, 1.0))
+        return math.degrees(largest_slope(self.geometry, self._path, self._limits, 1.0))
 
     @entry("Terrains", "deg")
     def slope_down_deg(self) -> float:
         """Steepest slope that it plays downhill in the gait, by the drives."""
-        return math.degrees(largest_slope(self._geometry, self._path, self._limits, -1.0))
+        return math.degrees(largest_slope(self.geometry, self._path, self._limits, -1.0))
 
     @entry("Terrains", "mm")
     def step_up_mm(self) -> float:
         """Highest single step up that it plays in the gait, by the drives."""
-        return 1e3 * largest_step(self._geometry, self._path, self._limits, 1.0)
+        return 1e3 * largest_step(self.geometry, self._path, self._limits, 1.0)
 
     @entry("Terrains", "mm")
     def step_down_mm(self) -> float:
         """Deepest single step down that it plays in the gait, by the drives."""
-        return 1e3 * largest_step(self._geometry, self._path, self._limits, -1.0)
+        return 1e3 * largest_step(self.geometry, self._path, self._limits, -1.0)
 
     @entry("Terrains", "m/s")
     def walking_speed_m_s(self) -> float:
         """Largest speed over the scenario's ground at the gait's rate, by the drives."""
-        return largest_speed(self._geometry, self._path, self._limits)
+        return largest_speed(self.geometry, self._path, self._limits)
 
     @entry("Terrains", "mm")
     def stride_mm(self) -> float:
@@ -284,10 +276,10 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @entry("Terrains", "mm")
     def stance_way_mm(self) -> float:
         """Longest way of a standing foot over level ground: of the pedal, or along the belt."""
-        if self._geometry.belt:
-            return 1e3 * self._geometry.plate
+        if self.geometry.belt:
+            return 1e3 * self.geometry.plate
         least = self.scenario.machine.sliders.least_sin_mu
-        return 1e3 * float(np.ptp(rail_interval(self._geometry, self._path.z_c, 0.0, least)))
+        return 1e3 * float(np.ptp(rail_interval(self.geometry, self._path.z_c, 0.0, least)))
 
     # Actuators.
 
@@ -306,7 +298,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @entry("Sliders", "N")
     def slider_load_N(self) -> float:
         """Largest force of a slider's drive in the gait: leg, weight and inertia."""
-        return float(np.abs(drive_forces(self._geometry, self._masses, *self._motion)).max())
+        return float(np.abs(drive_forces(self.geometry, self.masses, *self._motion)).max())
 
     @entry("Sliders", "N")
     def slider_force_N(self) -> float:
@@ -322,7 +314,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     def slider_speed_m_s(self) -> float:
         """Largest speed of a slider in the gait."""
         pose, velocity, _ = np.split(self._motion[0], 3, axis=1)
-        return float(np.abs(slider_rates(self._geometry, pose, velocity)).max())
+        return float(np.abs(slider_rates(self.geometry, pose, velocity)).max())
 
     @entry("Sliders", "m/s")
     def slider_speed_limit_m_s(self) -> float:
@@ -333,7 +325,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     def slider_acceleration_m_s2(self) -> float:
         """Largest acceleration of a slider in the gait."""
         parts = np.split(self._motion[0], 3, axis=1)
-        return float(np.abs(slider_accelerations(self._geometry, *parts)).max())
+        return float(np.abs(slider_accelerations(self.geometry, *parts)).max())
 
     @entry("Sliders", "m/s^2")
     def slider_acceleration_limit_m_s2(self) -> float:
@@ -344,8 +336,8 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     def box_load_N(self) -> float:
         """Largest load down on the plate's middle at rest, in the widest box at all its angles."""
         down = np.array((0.0, -1.0, 0.0))
-        own = holding_forces(self._geometry, self._masses, self._poses, np.zeros(3))
-        by_load = holding_forces(self._geometry, self._masses, self._poses, down) - own
+        own = holding_forces(self.geometry, self.masses, self._poses, np.zeros(3))
+        by_load = holding_forces(self.geometry, self.masses, self._poses, down) - own
         # Either end of what the drive has, whichever the load comes to.
         ends = (np.sign(by_load) * self.slider_force_N - own) / by_load
         return float(ends.min())
@@ -362,23 +354,23 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
 
     def _fastest(self, twist: tuple[float, float, float]) -> float:
         """Largest speed of a slider in the box by a motion of the plate."""
-        return float(np.abs(slider_rates(self._geometry, self._poses, np.array(twist))).max())
+        return float(np.abs(slider_rates(self.geometry, self._poses, np.array(twist))).max())
 
     # Accuracy.
 
     @entry("Conditioning and stiffness", "mm")
     def characteristic_length_mm(self) -> float:
         """Characteristic length, which makes angles lengths: distance of the pivots P and T."""
-        return 1e3 * self._geometry.lever
+        return 1e3 * self.geometry.lever
 
     @entry("Conditioning and stiffness")
     def local_conditioning(self) -> float:
         """Local conditioning index where it walks over level ground: 1 is isotropic."""
-        return float(conditioning(scaled_jacobian(self._geometry, self._pose)))
+        return float(conditioning(scaled_jacobian(self.geometry, self._pose)))
 
     @cached_property
     def _conditions(self) -> NDArray[np.float64]:
-        return conditioning(scaled_jacobian(self._geometry, self._poses))
+        return conditioning(scaled_jacobian(self.geometry, self._poses))
 
     @entry("Conditioning and stiffness")
     def global_conditioning(self) -> float:
@@ -393,17 +385,17 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     @entry("Conditioning and stiffness")
     def least_sin_mu(self) -> float:
         """Least sine of the transmission angle in the gait: its distance from a singularity."""
-        return float(singularity(self._geometry, self._motion[0][:, :3]).sin_mu.min())
+        return float(singularity(self.geometry, self._motion[0][:, :3]).sin_mu.min())
 
     @entry("Conditioning and stiffness")
     def box_sin_mu(self) -> float:
         """Least sine of the transmission angle in the widest box, all its angles."""
-        return float(singularity(self._geometry, self._poses).sin_mu.min())
+        return float(singularity(self.geometry, self._poses).sin_mu.min())
 
     @cached_property
     def _displacement(self) -> NDArray[np.float64]:
         """Displacement (3) of the plate under the wrench where it walks [m, m, rad]."""
-        J = jacobian(self._geometry, self._pose)
+        J = jacobian(self.geometry, self._pose)
         f_x, _, f_z, _, m_y, _ = self.wrench
         # The base frame's y points into the page: it turns about it with its front end down.
         stiffness = 1e6 * self.scenario.machine.sliders.stiffness_N_um
@@ -435,7 +427,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
     def demonstrations(self) -> Iterator[Demonstration]:
         """Walk almost as fast as the bench does, the plate within the speeds of Table 1."""
         limits = self.scenario.machine.sliders.limits
-        speed = _TRIED * largest_speed(self._geometry, self._path, limits)
+        speed = _TRIED * largest_speed(self.geometry, self._path, limits)
         yield Demonstration(
             "walking_speed_m_s",
             {"gait.speed_m_s": speed},
@@ -444,7 +436,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
 
     def dimensions(self) -> Iterator[Dimension]:
         """Lengths along the rail, and heights of the pivots and the plate."""
-        geometry = self._geometry
+        geometry = self.geometry
         x, z, _ = self._pose.tolist()
         P, T = (np.add((x, z), pivot).tolist() for pivot in (geometry.p_OP, geometry.p_OT))
         rear, front = ((end, 0.0, 0.0) for end in (geometry.slider_min, geometry.slider_max))
@@ -456,7 +448,7 @@ class BenchSheet(Sheet[TerrainBenchScenario]):
 
     def tables(self) -> Iterator[Table]:
         """Dimensions of links, plate and rail, and the boxes."""
-        geometry = self._geometry
+        geometry = self.geometry
         rows: list[list[str | float]] = [
             ["links", 1e3 * geometry.link],
             ["strut", 1e3 * geometry.strut],

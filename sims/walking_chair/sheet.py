@@ -55,7 +55,7 @@ _HEAVIEST, _HALVINGS = 1.0, 24
 _TRIED = 0.95
 
 
-class ChairSheet(Sheet[ChairScenario]):
+class ChairSheet(Sheet[ChairScenario, ChairGeometry, ChairMasses]):
     """Data sheet of a chair, with the passenger on it and in the gait of its scenario.
 
     The wrench acts at the middle of the seat, the body lifted to walk.
@@ -68,14 +68,6 @@ class ChairSheet(Sheet[ChairScenario]):
     )  # fmt: skip
 
     # Parts of the machine that entries share.
-
-    @cached_property
-    def _geometry(self) -> ChairGeometry:
-        return self.scenario.machine.geometry
-
-    @cached_property
-    def _masses(self) -> ChairMasses:
-        return self.scenario.machine.masses
 
     @cached_property
     def _passenger(self) -> Passenger:
@@ -92,17 +84,17 @@ class ChairSheet(Sheet[ChairScenario]):
     @cached_property
     def _heights(self) -> tuple[float, float]:
         """Smallest and largest height of S above level ground, legs straight [m]."""
-        return standing_heights(self._geometry.leg)
+        return standing_heights(self.geometry.leg)
 
     @cached_property
     def _lifted(self) -> float:
         """Height of S above the ground while it walks [m]."""
-        return self._geometry.leg.retracted_height + self._gait.lift
+        return self.geometry.leg.retracted_height + self._gait.lift
 
     @cached_property
     def _feet(self) -> NDArray[np.float64]:
         """Corners (4, 3, 2) of the feet from S, from above [m]."""
-        return straight_corners(self._geometry)
+        return straight_corners(self.geometry)
 
     @cached_property
     def _middles(self) -> NDArray[np.float64]:
@@ -111,7 +103,7 @@ class ChairSheet(Sheet[ChairScenario]):
 
     @cached_property
     def _places(self) -> FootPlaces:
-        return foot_places(self._geometry.leg, _CELLS, _LEAN)
+        return foot_places(self.geometry.leg, _CELLS, _LEAN)
 
     # Size.
 
@@ -133,34 +125,34 @@ class ChairSheet(Sheet[ChairScenario]):
     @entry("Size", "mm")
     def lowest_seat_mm(self) -> float:
         """Lowest height of the seat above level ground, legs straight."""
-        return 1e3 * (self._heights[0] + self._geometry.seat_height)
+        return 1e3 * (self._heights[0] + self.geometry.seat_height)
 
     @entry("Size", "mm")
     def highest_seat_mm(self) -> float:
         """Highest height of the seat above level ground, legs straight."""
-        return 1e3 * (self._heights[1] + self._geometry.seat_height)
+        return 1e3 * (self._heights[1] + self.geometry.seat_height)
 
     @entry("Size", "mm")
     def walking_seat_mm(self) -> float:
         """Height of the seat while it walks."""
-        return 1e3 * (self._lifted + self._geometry.seat_height)
+        return 1e3 * (self._lifted + self.geometry.seat_height)
 
     # Masses.
 
     @entry("Masses", "kg")
     def mass_kg(self) -> float:
         """Mass of the chair without a passenger."""
-        return self._masses.total
+        return self.masses.total
 
     @entry("Masses", "kg")
     def leg_mass_kg(self) -> float:
         """Mass of a leg."""
-        return self._masses.leg
+        return self.masses.leg
 
     @entry("Masses", "mm")
     def centre_of_mass_mm(self) -> float:
         """Height of the centre of mass above level ground, lifted to walk, with the passenger."""
-        _, centre = centre_of_mass(self._masses, self._passenger, self._middles)
+        _, centre = centre_of_mass(self.masses, self._passenger, self._middles)
         return 1e3 * (self._lifted + float(centre[2]))
 
     # Workspace.
@@ -194,18 +186,18 @@ class ChairSheet(Sheet[ChairScenario]):
     def level_range_deg(self) -> float:
         """Largest inclination of ground, in any direction, on which it stands level."""
         azimuths = np.linspace(0.0, 2.0 * math.pi, _DIRECTIONS, endpoint=False)
-        return math.degrees(level_range(self._geometry, azimuths).min())
+        return math.degrees(level_range(self.geometry, azimuths).min())
 
     @entry("Ground and gait", "deg")
     def level_range_pitch_deg(self) -> float:
         """Largest inclination of ground that rises ahead or behind."""
         ahead = (0.5 * math.pi, -0.5 * math.pi)
-        return math.degrees(level_range(self._geometry, ahead).min())
+        return math.degrees(level_range(self.geometry, ahead).min())
 
     @entry("Ground and gait", "deg")
     def level_range_roll_deg(self) -> float:
         """Largest inclination of ground that rises to one side."""
-        return math.degrees(level_range(self._geometry, (0.0, math.pi)).min())
+        return math.degrees(level_range(self.geometry, (0.0, math.pi)).min())
 
     @entry("Ground and gait", "mm")
     def step_height_mm(self) -> float:
@@ -215,13 +207,13 @@ class ChairSheet(Sheet[ChairScenario]):
     @entry("Ground and gait", "mm")
     def longest_step_mm(self) -> float:
         """Longest step within the strokes, at the gait's lift and height of swing."""
-        return 1e3 * largest_size(self._geometry, lambda size: replace(self._gait, step=size))
+        return 1e3 * largest_size(self.geometry, lambda size: replace(self._gait, step=size))
 
     @entry("Ground and gait", "mm")
     def highest_swing_mm(self) -> float:
         """Greatest height over which a foot swings within the strokes, at the gait's step."""
         return 1e3 * largest_size(
-            self._geometry, lambda size: replace(self._gait, swing_height=size)
+            self.geometry, lambda size: replace(self._gait, swing_height=size)
         )
 
     @entry("Ground and gait", "mm/s")
@@ -238,12 +230,12 @@ class ChairSheet(Sheet[ChairScenario]):
 
     @cached_property
     def _stances(self) -> Stances:
-        return walked_stances(self._geometry, self._walk)
+        return walked_stances(self.geometry, self._walk)
 
     def _load(self, passenger: Passenger) -> float:
         """Largest force of a branch at rest in the gait [N]."""
         stiffness = self.scenario.machine.drives.stiffness
-        forces = resting_forces(self._stances, passenger, self._masses, stiffness)
+        forces = resting_forces(self._stances, passenger, self.masses, stiffness)
         return float(np.abs(forces).max())
 
     @entry("Branches", "N")
@@ -274,7 +266,7 @@ class ChairSheet(Sheet[ChairScenario]):
     @entry("Branches", "mm/s")
     def branch_speed_mm_s(self) -> float:
         """Largest speed of a branch in the gait."""
-        return 1e3 * gait_speed(self._geometry, self._gait)
+        return 1e3 * gait_speed(self.geometry, self._gait)
 
     @entry("Branches", "mm/s")
     def branch_speed_limit_mm_s(self) -> float:
@@ -291,26 +283,26 @@ class ChairSheet(Sheet[ChairScenario]):
     @entry("Support", "mm")
     def support_margin_mm(self) -> float:
         """Smallest distance of the centre of mass from tipping in the gait, with the passenger."""
-        support = GaitSupport(self._geometry, self._walk, self._masses)
+        support = GaitSupport(self.geometry, self._walk, self.masses)
         return 1e3 * float(support.margins(self._passenger).min())
 
     # Accuracy.
 
     @cached_property
     def _conditions(self) -> NDArray[np.float64]:
-        return conditioning(foot_jacobian(self._geometry.leg, self._places.up))
+        return conditioning(foot_jacobian(self.geometry.leg, self._places.up))
 
     @cached_property
     def _stiffness(self) -> NDArray[np.float64]:
         """Stiffness (6, 6) of the lifted body about S, along its axes."""
-        lengths = straight_lengths(self._geometry.leg, np.full(LEG_COUNT, self._lifted))
-        return body_stiffness(self._geometry, lengths, self.scenario.machine.drives.stiffness)
+        lengths = straight_lengths(self.geometry.leg, np.full(LEG_COUNT, self._lifted))
+        return body_stiffness(self.geometry, lengths, self.scenario.machine.drives.stiffness)
 
     @entry("Conditioning and stiffness")
     def local_conditioning(self) -> float:
         """Local conditioning index of a leg that hangs straight at work: 1 is isotropic."""
-        up = (self._lifted - self._geometry.leg.x1 - self._geometry.leg.x2, 0.0, 0.0)
-        return float(conditioning(foot_jacobian(self._geometry.leg, up)))
+        up = (self._lifted - self.geometry.leg.x1 - self.geometry.leg.x2, 0.0, 0.0)
+        return float(conditioning(foot_jacobian(self.geometry.leg, up)))
 
     @entry("Conditioning and stiffness")
     def global_conditioning(self) -> float:
@@ -341,7 +333,7 @@ class ChairSheet(Sheet[ChairScenario]):
     @entry("Conditioning and stiffness", "mm")
     def deflection_mm(self) -> float:
         """Displacement of the seat under the wrench, by the branches' drives."""
-        seat = np.array((0.0, 0.0, self._geometry.seat_height))
+        seat = np.array((0.0, 0.0, self.geometry.seat_height))
         force, moment = np.array(self.wrench[:3]), np.array(self.wrench[3:])
         about_centre = np.concatenate((force, moment + np.cross(seat, force)))
         moved = np.linalg.solve(self._stiffness, about_centre)
@@ -351,7 +343,7 @@ class ChairSheet(Sheet[ChairScenario]):
 
     def signals(self) -> dict[str, NDArray[np.float64]]:
         """Lowered, as it begins to walk."""
-        return {"legs.position": starting_lengths(self._geometry, self._walk).ravel()}
+        return {"legs.position": starting_lengths(self.geometry, self._walk).ravel()}
 
     def demonstrations(self) -> Iterator[Demonstration]:
         """Walk almost as fast as the branches do, and with almost the longest steps."""
@@ -361,7 +353,7 @@ class ChairSheet(Sheet[ChairScenario]):
 
     def _demonstrate(self, name: str, gait: TrotGait) -> Demonstration:
         """A walk in a gait that takes its branches almost to their speed."""
-        speed = 1e3 * gait_speed(self._geometry, gait)
+        speed = 1e3 * gait_speed(self.geometry, gait)
         duration = gait.phase_duration * speed / (_TRIED * self.branch_speed_limit_mm_s)
         step = 1e3 * gait.step
         settings = {"gait.phase_duration": duration, "gait.step_mm": step}
@@ -369,20 +361,20 @@ class ChairSheet(Sheet[ChairScenario]):
 
     def dimensions(self) -> Iterator[Dimension]:
         """Distances of feet and legs, heights of the body and the seat."""
-        lift = self._geometry.leg.retracted_height
-        legs = np.array([(place.x, place.y, lift) for place in self._geometry.placements])
+        lift = self.geometry.leg.retracted_height
+        legs = np.array([(place.x, place.y, lift) for place in self.geometry.placements])
         feet = np.column_stack([self._feet.mean(axis=1), np.zeros(LEG_COUNT)])
-        hinges = np.add(self._geometry.p_SA, (0.0, 0.0, lift))
+        hinges = np.add(self.geometry.p_SA, (0.0, 0.0, lift))
         yield Dimension("plan", legs[3].tolist(), legs[2].tolist(), "legs")
         yield Dimension("plan", legs[0].tolist(), legs[3].tolist(), "legs")
         yield Dimension("plan", hinges[0].tolist(), hinges[3].tolist(), "hinges")
         yield Dimension("elevation", feet[0].tolist(), legs[0].tolist(), "S")
-        seat = (float(legs[0, 0]), 0.0, lift + self._geometry.seat_height)
+        seat = (float(legs[0, 0]), 0.0, lift + self.geometry.seat_height)
         yield Dimension("elevation", (seat[0], 0.0, 0.0), seat, "seat")
 
     def tables(self) -> Iterator[Table]:
         """Dimensions of the legs, and their places."""
-        leg = self._geometry.leg
+        leg = self.geometry.leg
         rows: list[list[str | float]] = [
             ["upper platform a", 1e3 * leg.a],
             ["lower platform b", 1e3 * leg.b],
@@ -394,7 +386,7 @@ class ChairSheet(Sheet[ChairScenario]):
         columns = ("leg", "x [mm]", "y [mm]", "UP branch")
         yield Table("Places of the legs", columns, [
             [str(i), 1e3 * place.x, 1e3 * place.y, "rearmost" if place.turned else "foremost"]
-            for i, place in enumerate(self._geometry.placements, start=1)
+            for i, place in enumerate(self.geometry.placements, start=1)
         ])  # fmt: skip
 
     def figures(self) -> Iterator[Figure]:
@@ -419,13 +411,13 @@ class ChairSheet(Sheet[ChairScenario]):
     def _draw_ranges(self, canvas: "Canvas") -> None:
         axes: Any = canvas.add_subplot(projection="polar")
         azimuths = np.linspace(0.0, 2.0 * math.pi, 4 * _DIRECTIONS + 1)
-        ranges = np.degrees(level_range(self._geometry, azimuths))
+        ranges = np.degrees(level_range(self.geometry, azimuths))
         axes.plot(azimuths, ranges, color=COLOURS[0])
         axes.set_ylim(0.0)
         axes.set_thetagrids(range(0, 360, 90), ("x", "y", "-x", "-y"))
 
     def _draw_feet(self, canvas: "Canvas") -> None:
-        leg = self._geometry.leg
+        leg = self.geometry.leg
         hanging = np.array((*leg.corners.mean(axis=0)[:2], -self._lifted))
         sides: Any = canvas.subplots(1, 2)
         for axes, across, name in zip(sides, (1, 0), "yx", strict=True):

@@ -102,7 +102,7 @@ def test_poses_on_the_panel_are_its_frames():
 @each_count
 def test_forces_of_the_legs_are_those_of_the_statics(limbs):
     sheet = sheet_of(limbs)
-    geometry, process, posture = sheet._geometry, sheet._process, sheet._posture
+    geometry, process, posture = sheet.geometry, sheet._process, sheet._posture
     statics = CentreStatics(geometry, process.masses)
     context = statics.CreateDefaultContext()
     values = {
@@ -123,7 +123,7 @@ def test_forces_of_the_legs_are_those_of_the_statics(limbs):
 def test_the_tip_gives_way_by_what_the_legs_are_shortened(limbs):
     wrench = (30.0, -20.0, -150.0, 2.0, 1.0, 3.0)
     sheet = sheet_of(limbs, wrench)
-    geometry, (pose, feet) = sheet._geometry, sheet._posture
+    geometry, (pose, feet) = sheet.geometry, sheet._posture
     tip = np.array((0.0, 0.0, -geometry.tool_length))
     force, moment = np.array(wrench[:3]), np.array(wrench[3:])
     about = np.concatenate((moment + np.cross(tip, force), force))
@@ -140,7 +140,7 @@ def test_the_tip_gives_way_by_what_the_legs_are_shortened(limbs):
 @each_count
 def test_the_largest_thrust_leaves_no_margin(limbs):
     sheet = sheet_of(limbs)
-    geometry, process, posture = sheet._geometry, sheet._process, sheet._posture
+    geometry, process, posture = sheet.geometry, sheet._process, sheet._posture
     monitor = WrenchMonitor(geometry, process.largest_leg_force, process.masses)
     context = monitor.CreateDefaultContext()
     values = {

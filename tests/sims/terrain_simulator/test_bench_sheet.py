@@ -37,7 +37,7 @@ def is_reached(sheet, points, angles):
     """Which points (n, 2) the plate takes at all angles."""
     poses = np.empty((len(points), len(angles), 3))
     poses[..., :2], poses[..., 2] = points[:, None], angles
-    room = margins(sheet._geometry, poses)
+    room = margins(sheet.geometry, poses)
     room[..., LINE] -= sheet.scenario.machine.sliders.least_sin_mu
     return (room >= 0.0).all(axis=(1, 2))
 
@@ -88,7 +88,7 @@ def test_a_box_of_steeper_angles_is_smaller():
 @each
 def test_drives_hold_a_load_beside_the_weight(configuration):
     sheet = sheet_of(configuration)
-    geometry, masses = sheet._geometry, sheet._masses
+    geometry, masses = sheet.geometry, sheet.masses
     pose, load = np.add(sheet._pose, (0.02, 0.01, 0.05)), np.array((30.0, -200.0, 7.0))
     own = holding_forces(geometry, masses, pose, np.zeros(3))
     with_load = holding_forces(geometry, masses, pose, load)
@@ -98,7 +98,7 @@ def test_drives_hold_a_load_beside_the_weight(configuration):
 @each
 def test_forces_at_rest_do_the_work_that_lifts_the_centre_of_mass(configuration):
     sheet = sheet_of(configuration)
-    geometry, masses, (x, z, _) = sheet._geometry, sheet._masses, sheet._pose
+    geometry, masses, (x, z, _) = sheet.geometry, sheet.masses, sheet._pose
     forces = holding_forces(geometry, masses, np.array((x, z, 0.0)), np.zeros(3))
     by_height = inverse_jacobian(geometry, (x, z, 0.0))[:, 1]
     step = 1e-5
@@ -111,7 +111,7 @@ def test_forces_at_rest_do_the_work_that_lifts_the_centre_of_mass(configuration)
 def test_the_largest_load_takes_a_slider_to_its_force(configuration):
     sheet = sheet_of(configuration)
     load = np.array((0.0, -sheet.box_load_N, 0.0))
-    forces = holding_forces(sheet._geometry, sheet._masses, sheet._poses, load)
+    forces = holding_forces(sheet.geometry, sheet.masses, sheet._poses, load)
     assert np.abs(forces).max() == pytest.approx(sheet.slider_force_N)
 
 
@@ -128,7 +128,7 @@ def test_the_load_in_the_gait_is_that_of_the_walk(configuration):
     # Shortly after touchdown the foot of a treadmill pushes the front end down.
     steady = slice(0, 240 * (strides - 1) - 1)
     assert on_plate[steady] == pytest.approx(load[steady], abs=0.02 * load[:, 1].min() * -1.0)
-    forces = drive_forces(sheet._geometry, sheet._masses, np.hstack(motion.pose), load)
+    forces = drive_forces(sheet.geometry, sheet.masses, np.hstack(motion.pose), load)
     assert sheet.slider_load_N == pytest.approx(np.abs(forces).max(), rel=0.01)
 
 
@@ -150,7 +150,7 @@ def test_steeper_or_higher_ground_breaks_a_limit(configuration, name, terrain):
 
     def play(size):
         own = {"terrain": terrain(size, edge)}
-        check_path(sheet._geometry, type(path)(**{**vars(path), **own}), limits, duration)
+        check_path(sheet.geometry, type(path)(**{**vars(path), **own}), limits, duration)
 
     play(0.98 * sheet.value(name))
     with pytest.raises(PathRefused):
@@ -161,16 +161,16 @@ def test_steeper_or_higher_ground_breaks_a_limit(configuration, name, terrain):
 def test_a_faster_walk_breaks_a_limit(configuration):
     sheet = sheet_of(configuration)
     speed = sheet.walking_speed_m_s
-    check_path(sheet._geometry, sheet._path.at_speed(0.99 * speed), sheet._limits)
+    check_path(sheet.geometry, sheet._path.at_speed(0.99 * speed), sheet._limits)
     with pytest.raises(PathRefused):
-        check_path(sheet._geometry, sheet._path.at_speed(1.01 * speed), sheet._limits)
+        check_path(sheet.geometry, sheet._path.at_speed(1.01 * speed), sheet._limits)
 
 
 @each
 def test_the_plate_gives_way_by_what_the_sliders_yield(configuration):
     wrench = (200.0, 0.0, -900.0, 0.0, 20.0, 0.0)
     sheet = sheet_of(configuration, wrench)
-    geometry, pose = sheet._geometry, sheet._pose
+    geometry, pose = sheet.geometry, sheet._pose
     stiffness = 1e6 * sheet.scenario.machine.sliders.stiffness_N_um
     forces = slider_forces(geometry, pose, (200.0, -900.0, 20.0))
     change = forward_kinematics(geometry, slider_places(geometry, pose) - forces / stiffness)
