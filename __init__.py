@@ -37,20 +37,19 @@ if TYPE_CHECKING:
         ControlScenario,
         Machine,
         MachineScenario,
-        SelfTest,
         find_machine,
     )
     from parapod.diagrams.ports import Behind, In, Inner, Out, Span, Truth
+    from parapod.diagrams.real import MachineView, RealMachine, SelfTest
     from parapod.diagrams.recording import Recording
     from parapod.diagrams.station import Station
     from parapod.diagrams.wiring import (
         add,
         connect,
-        connect_by_name,
-        export_inputs,
         inputs_of,
         named_source,
         outputs_of,
+        wired,
     )
     from parapod.sims.api import (
         closed_loop,
@@ -95,20 +94,19 @@ _HOMES = {
         "ControlScenario",
         "Machine",
         "MachineScenario",
-        "SelfTest",
         "find_machine",
     ),
     "diagrams.ports": ("Behind", "In", "Inner", "Out", "Span", "Truth"),
+    "diagrams.real": ("MachineView", "RealMachine", "SelfTest"),
     "diagrams.recording": ("Recording",),
     "diagrams.station": ("Station",),
     "diagrams.wiring": (
         "add",
         "connect",
-        "connect_by_name",
-        "export_inputs",
         "inputs_of",
         "named_source",
         "outputs_of",
+        "wired",
     ),
     "sims.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
     "sims.output.drawn": ("LogDrawing",),
@@ -170,12 +168,14 @@ __all__ = [
     "LoopExperiment",
     "Machine",
     "MachineScenario",
+    "MachineView",
     "Metric",
     "Out",
     "ParapodError",
     "PiController",
     "PiControllerParams",
     "PositionServo",
+    "RealMachine",
     "Recording",
     "Result",
     "RunOptions",
@@ -194,10 +194,8 @@ __all__ = [
     "choice",
     "closed_loop",
     "connect",
-    "connect_by_name",
     "draw",
     "experiments",
-    "export_inputs",
     "find_machine",
     "inputs_of",
     "linearised",
@@ -210,6 +208,7 @@ __all__ = [
     "scenario",
     "study",
     "viewer",
+    "wired",
 ]
 
 

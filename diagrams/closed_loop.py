@@ -110,7 +110,7 @@ class ClosedLoop[S](Diagram):
             builder, machine.targets, period, faults, settings.seed, injectable
         )
         self.ports = self._connect(builder)
-        self.logs = self._log(builder, log, machine.log_every * period)
+        self.logs = self._log(builder, log, machine.view.log_every * period)
         builder.BuildInto(self)
         self.set_name(machine.name)
 

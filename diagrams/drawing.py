@@ -1,6 +1,6 @@
 """Drawings of machines in Meshcat, and pictures by Drake's renderer without a browser."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import CameraInfo
 
@@ -69,6 +69,34 @@ def draw(
     source_id = plant.get_source_id()
     assert source_id is not None
     connect(builder, to_geometry.get_output_port(), scene_graph.get_source_pose_port(source_id))
+
+
+def draw_model(
+    builder: DiagramBuilder,
+    path: str,
+    add_model: Callable[[MultibodyPlant], System],
+    signals: Mapping[str, OutputPort],
+) -> tuple[SceneGraph, OutputPort]:
+    """Adds a scene graph with a model that is only drawn, posed by signals.
+
+    Args:
+        builder: builder of the diagram that holds the signals' systems.
+        path: path of the drawing in the scene.
+        add_model: adds the model to a plant and finalizes it; returns a system that makes the
+            positions of its joints.
+        signals: what that system takes, by the names of its ports.
+
+    Returns:
+        The scene graph, which is left to publish, and the positions of the joints.
+    """
+    plant = MultibodyPlant(time_step=1.0)
+    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    positions = add(builder, add_model(plant), f"positions_of_{path}")
+    for name, port in signals.items():
+        connect(builder, port, positions.GetInputPort(name))
+    draw(builder, plant, positions.get_output_port(), scene_graph)
+    return scene_graph, positions.get_output_port()
 
 
 _KEEPS_VISUALS = ContextVar("keeps_visuals", default=False)

@@ -12,17 +12,15 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
 from parapod.diagrams.faults import FaultTarget, targets_of
-from parapod.diagrams.guard import Guard
-from parapod.diagrams.homing import Homing
 from parapod.diagrams.own_controller import OWN, check_period, own_name, own_system
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.ports import Behind, Inner, Out, Port
-from parapod.diagrams.twin import Twin
+from parapod.diagrams.real import MachineView, RealMachine
+from parapod.diagrams.simulated import Mirror, add_mock
 from parapod.diagrams.wiring import inputs_of, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.installed import current_name, installed
@@ -32,30 +30,6 @@ if TYPE_CHECKING:
     from parapod.diagrams.drivers.driver import Driver
 
 _STATUS = ("status.age", "status.fault")
-
-
-@dataclass(frozen=True)
-class SelfTest:
-    """Small move of one part, for the self-test of its devices.
-
-    Attributes:
-        command: signal of the part that is commanded.
-        usual: command of a self-test for which nothing else is asked [unit of the command].
-        largest: command that a self-test may give [unit of the command].
-        measures: signal of the part that is the command's integral, or follows it.
-        gain: rate of the measured signal by command.
-        rest: further commands of the part's devices, for which it moves.
-        is_position: true if the measured signal follows the command, which begins where it is;
-            `usual` and `largest` are then rates of the command.
-    """
-
-    command: str
-    usual: float
-    largest: float
-    measures: str
-    gain: float = 1.0
-    rest: Mapping[str, float] = field(default_factory=dict)
-    is_position: bool = False
 
 
 @dataclass
@@ -106,32 +80,16 @@ class Machine[S]:
             name the elements of its ports of that size.
         parts: parts whose devices `status.age` and `status.fault` report, in that order.
         plants: simulated backends by name; each adds a plant and returns it as `Behind`.
-        mock: adds what mirrors commands to measurements; None: there is no such backend.
+        mirror: adds drives that are at their commands to the backend "mock", whose other ports
+            follow from the table; returns values of measurements that stay.
         controller: makes its own controller of a scenario; see `controller_of`.
         sources: makes the systems that command the controller and the machine beside it.
         experiment: experiment whose scenario is used where only the machine is named.
-        self_tests: moves of a part for the self-test of its devices, by part.
-        homings: rules by which the axes of a part find their reference, by part.
-        fittings: settings of a part's drivers that follow from the machine's design, by part and
-            name; see `Driver.fitted`.
-        emulated: adapts a scenario for emulation: what emulated devices simulate themselves is
-            left out of the plant, and time between two exchanges of the plant with them [s].
-        exchange: simulated backend -> period of the exchange with emulated devices [s].
-        cut: values of commands while the emergency stop is pressed, whatever is commanded: what
-            it does to the drives' supply.
-        drives: commands that reach motors through drives which are not devices of their own; the
-            emulator has them misbehave as `drives`.
-        switches: measurements of switches, which the emulator breaks both ways as `switches`.
-        guard: makes what watches every job on the real machine; None: only devices are watched.
-        instrument: formats the true signals, by name, as an instrument would show them
-            beside the emulated machine; None: there is none.
-        twin: draws the machine from its signals; None: it is not drawn.
+        real: what a real one needs beside its drivers, and what stands in for it.
+        view: how it is looked at.
         limits: makes, of a scenario, the smallest and the largest admissible value of signals in
             their units, beside those that ports declare: a number for all elements, or one for
             each; None: there is none.
-        plots: usual plots of a recording, one above the other: `signal`, `signal[0]` or
-            `signal[0:3]`, several joined by + in one plot; those that are not there are left out.
-        log_every: periods of the controller between two samples of a recording.
         resets: dotted keys of a scenario, or of whole parts of one, that `reset` of its loop takes
             over from another scenario; nothing that differs in these alone is built again.
         variant: attributes that depend on the scenario, by their names; what is declared here is
@@ -145,24 +103,13 @@ class Machine[S]:
     parts: tuple[str, ...]
     plants: Mapping[str, Plant[S]]
     controller: Callable[[S], System]
-    mock: Plant[S] | None = None
+    mirror: Mirror[S] = lambda mock, scenario: {}
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sources: Callable[[S], Sequence[System]] = lambda scenario: ()
     experiment: str = ""
-    self_tests: Mapping[str, SelfTest] = field(default_factory=dict)
-    homings: Mapping[str, Homing] = field(default_factory=dict)
-    fittings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    emulated: Callable[[S, float], S] | None = None
-    exchange: Mapping[str, float] = field(default_factory=dict)
-    cut: Mapping[str, float] = field(default_factory=dict)
-    drives: tuple[str, ...] = ()
-    switches: tuple[str, ...] = ()
-    guard: Callable[[S], Guard] | None = None
-    instrument: Callable[[Mapping[str, NDArray[Any]]], str] | None = None
-    twin: type[Twin] | None = None
+    real: RealMachine[S] = field(default_factory=RealMachine)
+    view: MachineView = field(default_factory=MachineView)
     limits: Callable[[S], Limits] = lambda scenario: {}
-    plots: tuple[str, ...] = ()
-    log_every: int = 1
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
     variant: Callable[[S], Mapping[str, Any]] | None = None
 
@@ -294,7 +241,7 @@ class Machine[S]:
     @property
     def backends(self) -> tuple[str, ...]:
         """Backends of its station."""
-        more = ("mock",) if self.mock is not None else ()
+        more: tuple[str, ...] = ("mock",)
         if hasattr(self.scenario, "hardware") or "hardware" in _fields(self.scenario):
             more = (*more, "hardware")
         return (*self.plants, *more)
@@ -318,8 +265,8 @@ class Machine[S]:
         if backend in self.plants:
             return self.plants[backend](builder, scenario, meshcat)
         if backend == "mock":
-            assert self.mock is not None
-            return self.mock(builder, scenario, meshcat)
+            ports = (*self.inputs, *self.measured)
+            return add_mock(builder, scenario, self.mirror, ports, self.parts)
         from parapod.diagrams.devices import add_devices
 
         period = settings.control.period
@@ -329,7 +276,7 @@ class Machine[S]:
     def drivers(self, scenario: S) -> "list[Driver]":
         """Drivers of a scenario's `hardware.drivers`, with what follows from its machine."""
         settings: Any = scenario
-        fittings = self.for_scenario(scenario).fittings
+        fittings = self.for_scenario(scenario).real.fittings
         return [one.fitted(fittings.get(one.part, {})) for one in settings.hardware.drivers]
 
     def unit(self, name: str) -> str:

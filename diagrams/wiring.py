@@ -25,11 +25,15 @@ from parapod.systems.core.errors import WiringError
 _AS_THEY_ARE: Mapping[str, str] = MappingProxyType({})
 
 
+def named[S: System](name: str, system: S) -> S:
+    """Gives a system a name, and returns it."""
+    system.set_name(name)
+    return system
+
+
 def add[S: System](builder: DiagramBuilder, system: S, name: str = "") -> S:
     """Adds a system to a diagram, under a name if one is given, and returns it with its type."""
-    if name:
-        system.set_name(name)
-    builder.AddSystem(system)
+    builder.AddSystem(named(name, system) if name else system)
     return system
 
 
@@ -91,50 +95,86 @@ def connect_by_name(
     outputs: dict[str, OutputPort] = {}
     for system in systems:
         for name, port in outputs_of(system).items():
-            if name in outputs:
-                both = f"'{_owner(outputs[name])}' and '{_owner(port)}'"
-                raise WiringError(f"two systems have an output port '{name}': {both}")
-            outputs[name] = port
-    sources: dict[str, OutputPort] = {}
+            _put(outputs, name, port)
+    shown: dict[str, OutputPort] = {}
     for system in systems:
         for name, sink in inputs_of(system).items():
             if name not in outputs or name in skip or builder.IsConnectedOrExported(sink):
                 continue
-            source = outputs[name]
-            if source.size() != sink.size():
-                raise WiringError(
-                    f"'{name}' has {source.size()} elements as an output of '{_owner(source)}', "
-                    f"but {sink.size()} as an input of '{_owner(sink)}'"
-                )
-            if name not in sources:
-                sources[name] = through(name, source)
-            connect(builder, sources[name], sink)
+            if name not in shown:
+                shown[name] = through(name, outputs[name])
+            _connect_signal(builder, name, shown[name], sink)
     return outputs
 
 
-def export_inputs(
-    builder: DiagramBuilder,
-    systems: Sequence[System],
+def wired(
+    name: str,
+    systems: Sequence[System | tuple[System, Mapping[str, str]]],
+    outputs: Collection[str] | Mapping[str, str],
     names: Mapping[str, str] = _AS_THEY_ARE,
-) -> None:
-    """Exports every input that nothing drives yet; inputs of the same name become one.
+    skip: Collection[str] = (),
+) -> Diagram:
+    """Makes a diagram of systems whose ports are wired by the names of their signals.
+
+    Inputs take the output of their signal; those that have none become one input of the diagram.
 
     Args:
-        builder: builder of the diagram that holds the systems.
-        systems: the systems.
-        names: names of the exported inputs by those of the systems, where they differ.
+        name: name of the diagram.
+        systems: the systems; beside one, signals of its ports by the ports' names, where they
+            differ from what `names` has.
+        outputs: signals that the diagram shows; those of a mapping by the names that it has.
+        names: signals of ports by the ports' names, where the two differ.
+        skip: signals that nothing has to give; inputs of theirs are left unconnected.
+
+    Raises:
+        WiringError: two outputs or none of a signal, or an output and an input of different sizes.
     """
+    builder = DiagramBuilder()
+    sinks: list[tuple[str, InputPort]] = []
+    sources: dict[str, OutputPort] = {}
+    for entry in systems:
+        system, own = entry if isinstance(entry, tuple) else (entry, _AS_THEY_ARE)
+        add(builder, system)
+        signals = {**names, **own}
+        for port, source in outputs_of(system).items():
+            _put(sources, signals.get(port, port), source)
+        sinks += [(signals.get(port, port), sink) for port, sink in inputs_of(system).items()]
     exported: set[str] = set()
-    for system in systems:
-        for inner, sink in inputs_of(system).items():
-            name = names.get(inner, inner)
-            if builder.IsConnectedOrExported(sink):
-                continue
-            if name in exported:
-                builder.ConnectInput(name, sink)
-            else:
-                builder.ExportInput(sink, name)
-                exported.add(name)
+    for signal, sink in sinks:
+        if signal in sources:
+            _connect_signal(builder, signal, sources[signal], sink)
+        elif signal in exported:
+            builder.ConnectInput(signal, sink)
+        elif signal not in skip:
+            builder.ExportInput(sink, signal)
+            exported.add(signal)
+    shown = outputs if isinstance(outputs, Mapping) else {signal: signal for signal in outputs}
+    for output, signal in shown.items():
+        if signal not in sources:
+            known = ", ".join(sorted(sources))
+            raise WiringError(f"no system has the output '{signal}'; there are: {known}")
+        builder.ExportOutput(sources[signal], output)
+    return named(name, builder.Build())
+
+
+def _put(outputs: dict[str, OutputPort], name: str, port: OutputPort) -> None:
+    """Keeps the one output of a name."""
+    if name in outputs:
+        both = f"'{_owner(outputs[name])}' and '{_owner(port)}'"
+        raise WiringError(f"two systems have an output port '{name}': {both}")
+    outputs[name] = port
+
+
+def _connect_signal(
+    builder: DiagramBuilder, name: str, source: OutputPort, sink: InputPort
+) -> None:
+    """Connects an output and an input of one name, which have one size."""
+    if source.size() != sink.size():
+        raise WiringError(
+            f"'{name}' has {source.size()} elements as an output of '{_owner(source)}', "
+            f"but {sink.size()} as an input of '{_owner(sink)}'"
+        )
+    connect(builder, source, sink)
 
 
 def idle_inputs(builder: DiagramBuilder, system: System, values: Mapping[str, float]) -> None:
@@ -163,9 +203,7 @@ def named_source(name: str, trajectory: Trajectory, derivatives: int = 0) -> Dia
     builder = DiagramBuilder()
     source = add(builder, TrajectorySource(trajectory, derivatives), "trajectory")
     builder.ExportOutput(source.get_output_port(), name)
-    diagram = builder.Build()
-    diagram.set_name(name)
-    return diagram
+    return named(name, builder.Build())
 
 
 def split_states(

@@ -45,12 +45,12 @@ class Beginning:
     noise_seed: int
 
     @classmethod
-    def from_scenario(cls, scenario: LevellingScenario, geometry: PlatformGeometry) -> Self:
+    def from_scenario(cls, geometry: PlatformGeometry, scenario: LevellingScenario) -> Self:
         """Works out the beginning of a scenario.
 
         Args:
-            scenario: its ground, initial extension, gain error, biases and seed are taken.
             geometry: dimensions of the machine as built.
+            scenario: its ground, initial extension, gain error, biases and seed are taken.
 
         Raises:
             ScenarioError: ground that is lower under a foot than under the wheels.

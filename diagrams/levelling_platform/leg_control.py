@@ -1,11 +1,11 @@
 """Controller of experiments that lead the legs themselves, simulated or on the real machine."""
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Adder
 
-from parapod.diagrams.levelling_platform.controller import Extension, add_attitude, pi_params
+from parapod.diagrams.levelling_platform.controller import Wired, measuring_systems, pi_params
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import named, wired
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.eased_legs import EasedLegs
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -36,35 +36,29 @@ def make_leg_controller(
         keeps_contact: true if the passive leg is trimmed until all feet touch.
         has_voltage: true if the controller takes voltages.
     """
-    builder = DiagramBuilder()
-    control = scenario.control
-    extension = Extension(builder, control)
-    add_attitude(builder, control)
-    eased = add(builder, EasedLegs(rate, control.period))
-    pi = add(builder, PiController(pi_params(scenario), period=control.period))
-    extension.feed(eased.GetInputPort("extension"))
-    extension.feed(pi.GetInputPort("measured"))
-    builder.ExportInput(eased.GetInputPort("extension_request"), "extension_request")
-    builder.ExportInput(eased.GetInputPort("enable"), "legs_enable")
-    builder.ConnectInput("legs_enable", pi.GetInputPort("enable"))
-    desired = eased.GetOutputPort("extension_desired_state")
+    control, enabled = scenario.control, {"enable": "legs_enable"}
+    measuring, names = measuring_systems(control)
+    shown = ["legs.voltage", "extension_desired_state", "legs_arrived", "attitude_estimated"]
+    eased, voltage = dict(enabled), dict(enabled)
+    more: list[Wired] = []
     if keeps_contact:
-        keeper = add(builder, ContactKeeper(period=control.period))
-        connect(builder, desired, keeper.GetInputPort("extension_desired_state"))
-        connect(builder, eased.GetOutputPort("legs_arrived"), keeper.GetInputPort("enable"))
-        builder.ExportInput(keeper.GetInputPort("limits"), "legs.limits")
-        builder.ExportOutput(keeper.GetOutputPort("standing"), "feet_standing")
-        desired = keeper.GetOutputPort("extension_trimmed_state")
-    connect(builder, desired, pi.GetInputPort("desired_state"))
-    voltage = pi.GetOutputPort("voltage")
+        eased["extension_desired_state"] = "extension_eased_state"
+        trims = {
+            "extension_desired_state": "extension_eased_state",
+            "extension_trimmed_state": "extension_desired_state",
+            "enable": "legs_arrived",
+            "standing": "feet_standing",
+        }
+        more.append((ContactKeeper(period=control.period), trims))
+        shown.append("feet_standing")
     if has_voltage:
-        total = add(builder, Adder(2, LEG_COUNT), "voltages")
-        connect(builder, voltage, total.get_input_port(0))
-        builder.ExportInput(total.get_input_port(1), "voltage_request")
-        voltage = total.get_output_port()
-    builder.ExportOutput(voltage, "legs.voltage")
-    builder.ExportOutput(desired, "extension_desired_state")
-    builder.ExportOutput(eased.GetOutputPort("legs_arrived"), "legs_arrived")
-    diagram = builder.Build()
-    diagram.set_name("controller")
-    return diagram
+        voltage["voltage"] = "voltage_controlled"
+        total = {"u0": "voltage_controlled", "u1": "voltage_request", "sum": "legs.voltage"}
+        more.append((named("voltages", Adder(2, LEG_COUNT)), total))
+    systems = [
+        *measuring,
+        (EasedLegs(rate, control.period), eased),
+        (PiController(pi_params(scenario), period=control.period), voltage),
+        *more,
+    ]
+    return wired("controller", systems, shown, names)

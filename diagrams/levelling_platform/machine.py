@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -10,16 +10,21 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
-from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.homing import make_homing
-from parapod.diagrams.levelling_platform.mujoco import add_mujoco_bodies
-from parapod.diagrams.levelling_platform.plants import add_bodies, add_mock, add_statics
+from parapod.diagrams.levelling_platform.mujoco import add_mujoco_plant
+from parapod.diagrams.levelling_platform.plants import (
+    add_kinematic_plant,
+    add_multibody_plant,
+    add_simulated,
+    mirror,
+)
 from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.twin import PlatformTwin
-from parapod.diagrams.machine import Machine, SelfTest, numbered
+from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits
+from parapod.diagrams.real import MachineView, RealMachine, SelfTest
 from parapod.diagrams.wiring import named_source
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
@@ -59,11 +64,6 @@ def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
         named_source("estimate_ground", trigger),
         named_source("arm.position_command", arm),
     )
-
-
-def _emulated(scenario: LevellingScenario, period: float) -> LevellingScenario:
-    """Everything that is sampled has the exchange's period [s]."""
-    return replace(scenario, control=replace(scenario.control, period=period))
 
 
 def _resets(scenario: LevellingScenario) -> tuple[str, ...]:
@@ -107,10 +107,9 @@ def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
     return f"height {reading[0]:.2f} mm, roll {reading[1]:.2f} deg, pitch {reading[2]:.2f} deg"
 
 
-def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
-    """The self-test and the homing by the actuators, and the size of faults."""
-    machine = scenario.machine
-    params = machine.actuators.params
+def _real(scenario: LevellingScenario) -> RealMachine[LevellingScenario]:
+    """Self-tests and homing by the actuators, places of the end switches [mm]."""
+    params, switches = scenario.machine.actuators.params, scenario.machine.actuators.switches
     usual, largest = (share * params.supply_voltage for share in (_USUAL, _LARGEST))
     legs = SelfTest(
         command="voltage",
@@ -127,19 +126,30 @@ def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
         measures="position",
         rest={"brake": 0.0},
     )
-    return {
-        "self_tests": {"legs": legs, "wheels": wheels},
-        "homings": {"legs": make_homing(machine)},
-        "fittings": {"legs": _switches(machine)},
-        "ports": make_ports(params, machine.level_heights),
-    }
-
-
-def _switches(machine: PlatformDesign) -> Mapping[str, Any]:
-    """Places of the end switches, to a micrometre [mm]."""
-    switches = machine.actuators.switches
     ends = {"extended_mm": switches.extended, "retracted_mm": switches.retracted}
-    return {name: round(1e3 * end, 3) for name, end in ends.items()}
+    return RealMachine(
+        self_tests={"legs": legs, "wheels": wheels},
+        homings={"legs": make_homing(scenario.machine)},
+        fittings={"legs": {name: round(1e3 * end, 3) for name, end in ends.items()}},
+        exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
+        cut={
+            "legs.voltage": 0.0,
+            "legs.stop": 1.0,
+            "wheels.velocity_command": 0.0,
+            "wheels.brake": 1.0,
+        },
+        drives=("legs.voltage",),
+        switches=("legs.limits",),
+        guard=PlatformGuard,
+        instrument=_instrument,
+    )
+
+
+def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
+    """What a real one needs, and the size of faults."""
+    machine = scenario.machine
+    ports = make_ports(machine.actuators.params, machine.level_heights)
+    return {"ports": ports, "real": _real(scenario)}
 
 
 PLATFORM = Machine(
@@ -149,32 +159,26 @@ PLATFORM = Machine(
     scenario=LevellingScenario,
     parts=PARTS,
     axes={"legs": numbered("leg", 4), "wheels": numbered("wheel", 4)},
-    plants={"multibody": add_bodies, "kinematic": add_statics, "mujoco": add_mujoco_bodies},
-    mock=add_mock,
+    plants={
+        "multibody": partial(add_simulated, add_multibody_plant),
+        "kinematic": partial(add_simulated, add_kinematic_plant),
+        "mujoco": partial(add_simulated, add_mujoco_plant),
+    },
+    mirror=mirror,
     controller=make_controller,
     sources=make_sources,
-    emulated=_emulated,
-    cut={
-        "legs.voltage": 0.0,
-        "legs.stop": 1.0,
-        "wheels.velocity_command": 0.0,
-        "wheels.brake": 1.0,
-    },
-    drives=("legs.voltage",),
-    switches=("legs.limits",),
-    guard=PlatformGuard,
-    instrument=_instrument,
-    twin=PlatformTwin,
-    limits=_limits,
-    plots=(
-        "posture_desired_state[0]+attitude_estimated[0]+truth.posture[0]",
-        "posture_desired_state[1]+attitude_estimated[1]+truth.posture[1]",
-        "posture_desired_state[2]+truth.posture[2]",
-        "legs.extension",
-        "legs.voltage",
+    view=MachineView(
+        PlatformTwin,
+        plots=(
+            "posture_desired_state[0]+attitude_estimated[0]+truth.posture[0]",
+            "posture_desired_state[1]+attitude_estimated[1]+truth.posture[1]",
+            "posture_desired_state[2]+truth.posture[2]",
+            "legs.extension",
+            "legs.voltage",
+        ),
     ),
-    variant=_variant,
-    exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
+    limits=_limits,
     resets=_resets,
+    variant=_variant,
     **_variant(LevellingScenario()),
 )

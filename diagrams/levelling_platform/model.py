@@ -21,7 +21,7 @@ from pydrake.multibody.tree import (
     RevoluteJoint,
     RigidBody,
 )
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from parapod.diagrams.bodies import (
     Body,
@@ -33,7 +33,7 @@ from parapod.diagrams.bodies import (
     set_attribute,
 )
 from parapod.diagrams.cad_models import OwnModel
-from parapod.diagrams.drawing import View, add_renderer, draw, publish, take
+from parapod.diagrams.drawing import View, add_renderer, draw_model, publish, take
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import (
@@ -539,16 +539,16 @@ def add_drawing(
         structure: its other parts.
         path: its path in the scene.
     """
-    plant = MultibodyPlant(time_step=1.0)
-    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_platform(plant, "full", ground=ground, geometry=geometry, structure=structure)
-    pose = add(builder, PlatformPose(model), f"pose_of_{path}")
-    connect(builder, extension, pose.GetInputPort("extension"))
-    connect(builder, base_pose, pose.GetInputPort("base_pose"))
-    connect(builder, arm_position, pose.GetInputPort("arm_position"))
-    draw(builder, plant, pose.get_output_port(), scene_graph)
-    add_visualization(builder, model, pose.get_output_port(), scene_graph, meshcat, path)
+    models: list[PlatformModel] = []
+
+    def add_model(plant: MultibodyPlant) -> System:
+        model = add_platform(plant, "full", ground=ground, geometry=geometry, structure=structure)
+        models.append(model)
+        return PlatformPose(model)
+
+    signals = {"extension": extension, "base_pose": base_pose, "arm_position": arm_position}
+    scene_graph, positions = draw_model(builder, path, add_model, signals)
+    add_visualization(builder, models[0], positions, scene_graph, meshcat, path)
 
 
 def photograph(

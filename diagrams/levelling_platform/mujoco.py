@@ -11,15 +11,14 @@ from parapod.diagrams.levelling_platform.model import (
 )
 from parapod.diagrams.levelling_platform.plants import (
     Drives,
-    Plant,
-    add_simulated,
     draw_as_full,
     led_legs,
     observe,
+    put_on_ground,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.mujoco import draw, make_plant
-from parapod.diagrams.ports import Behind
+from parapod.diagrams.simulated import Plant
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.model import PlatformModel
@@ -27,26 +26,18 @@ from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.physics.mujoco.plant import MujocoPlant
 
 
-def add_mujoco_bodies(
-    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the platform as rigid bodies that MuJoCo simulates, its drives and sensors.
-
-    Raises:
-        MissingExtra: MuJoCo is not installed.
-    """
-    step = scenario.plant.time_step
-    return add_simulated(_add_mujoco_plant, step, builder, scenario, meshcat)
-
-
-def _add_mujoco_plant(
+def add_mujoco_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
     beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
-) -> Plant:
-    """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
+) -> Plant[Beginning]:
+    """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+    """
     plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
     settings, geometry = scenario.plant, scenario.geometry_as_built
     model = add_platform(
@@ -82,8 +73,9 @@ def _add_mujoco_plant(
         context = plant.CreateDefaultContext()
         model.put(context, beginning.positions(model), beginning.ground, beginning.foot_offsets)
         bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
+        put_on_ground(observers, root_context, beginning)
 
-    return Plant(signals, observers, put)
+    return Plant(signals, put)
 
 
 def _drive(

@@ -1,21 +1,21 @@
-"""Plants behind the levelling platform's station: rigid bodies, statics, mock.
+"""Plants behind the levelling platform's station: rigid bodies and statics, with the drives.
 
 Rigid bodies of another engine are in `parapod.diagrams.levelling_platform.mujoco`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Demultiplexer,
     DiscreteTimeDelay,
     MatrixGain,
     Multiplexer,
-    PassThrough,
     StateInterpolatorWithDiscreteDerivative,
     ZeroOrderHold,
 )
@@ -31,10 +31,11 @@ from parapod.diagrams.levelling_platform.ports import PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.ports import Behind
+from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect, split_states
-from parapod.systems.actuators.linear_actuator import LinearActuator
-from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
-from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
 from parapod.systems.levelling_platform.model import (
@@ -44,18 +45,15 @@ from parapod.systems.levelling_platform.model import (
     PlatformModel,
     PlatformTruth,
 )
-from parapod.systems.sensors.device_status import DeviceStatus
 from parapod.systems.sensors.encoder import Encoder
 from parapod.systems.sensors.hold import Hold
 from parapod.systems.sensors.imu import (
-    Imu,
     ImuParams,
     add_imu,
     sample_period,
 )
 from parapod.systems.sensors.inertial_motion import InertialMotion
 from parapod.systems.sensors.limit_switches import LimitSwitches
-from parapod.systems.sensors.noise import NoiseSource
 
 
 @dataclass(frozen=True)
@@ -75,31 +73,20 @@ class Drives:
     arm_angles: OutputPort
 
 
-@dataclass(frozen=True)
-class Plant:
-    """Signals of a plant for the sensors and the truth.
-
-    Attributes:
-        signals: ports by name: posture, attitude, angular_velocity, specific_force,
-            contact_force, foot_height, load_force, loop_error.
-        on_ground: systems that know how the ground is inclined.
-        put: puts what moves at a beginning, in a root context.
-        model: bodies and joints of a `MultibodyPlant`; None where none is simulated.
-    """
-
-    signals: dict[str, OutputPort]
-    on_ground: tuple[OnInclinedGround, ...]
-    put: Callable[[Context, Beginning], None]
-    model: PlatformModel | None = None
+type PlantMaker = Callable[
+    [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], Plant[Beginning]
+]
+# Signals that are for sensors alone.
+_HIDDEN = ("attitude", "angular_velocity", "specific_force")
 
 
-def _add_multibody_plant(
+def add_multibody_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
     beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
-) -> Plant:
+) -> Plant[Beginning]:
     """Adds the plant of rigid bodies with closed loops and contact."""
     plant, scene_graph = add_discrete_plant(
         builder, scenario.plant.time_step, scenario.plant.contact_approximation
@@ -134,8 +121,18 @@ def _add_multibody_plant(
     def put(root_context: Context, beginning: Beginning) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
         model.put(context, beginning.positions(model), beginning.ground, beginning.foot_offsets)
+        put_on_ground(observers, root_context, beginning)
 
-    return Plant(signals, observers, put, model)
+    return Plant(signals, put, model=model)
+
+
+def put_on_ground(
+    systems: Sequence[OnInclinedGround], root_context: Context, beginning: Beginning
+) -> None:
+    """Tells systems how the ground of a beginning is inclined."""
+    for system in systems:
+        context = system.GetMyMutableContextFromRoot(root_context)
+        system.set_ground(context, beginning.ground, beginning.foot_offsets)
 
 
 def observe(
@@ -289,13 +286,13 @@ def _add_inertial_motion(
     return [parts.get_output_port(i) for i in range(3)]
 
 
-def _add_kinematic_plant(
+def add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: LevellingScenario,
     beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
-) -> Plant:
+) -> Plant[Beginning]:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
     statics = KinematicPlatform(
         scenario.geometry_as_built,
@@ -321,85 +318,29 @@ def _add_kinematic_plant(
         signals[name] = parts.get_output_port(i)
     connect(builder, motion, hold.get_input_port())
     connect(builder, hold.get_output_port(), parts.get_input_port(0))
-    signals["loop_error"] = _zeros(builder, "no_loops")
+    no_loops = add(builder, ConstantVectorSource(np.zeros(LEG_COUNT)), "no_loops")
+    signals["loop_error"] = no_loops.get_output_port()
 
     def put(root_context: Context, beginning: Beginning) -> None:
         hold.set_value(hold.GetMyMutableContextFromRoot(root_context), beginning.inertial_motion)
+        put_on_ground((platform,), root_context, beginning)
 
-    plant = Plant(signals, (platform,), put)
-    if meshcat is None:
-        return plant
-    add_drawing(
-        builder,
-        scenario.ground.inclination,
-        meshcat,
-        drives.rods.GetOutputPort("extension"),
-        platform.GetOutputPort("base_pose"),
-        drives.arm_angles,
-        geometry=scenario.machine.geometry,
-        structure=scenario.machine.structure,
-    )
-    return plant
-
-
-def _zeros(builder: DiagramBuilder, name: str) -> OutputPort:
-    source = add(builder, ConstantVectorSource(np.zeros(LEG_COUNT)), name)
-    return source.get_output_port()
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """A simulated platform and the handles that put it at a beginning.
-
-    Attributes:
-        plant: the plant.
-        actuators: the four linear actuators.
-        imu: the inertial sensor.
-        noise: source of the sensor's noise.
-        geometry: dimensions of the machine as built.
-    """
-
-    plant: Plant
-    actuators: LinearActuator
-    imu: Imu
-    noise: NoiseSource
-    geometry: PlatformGeometry
-
-    @property
-    def model(self) -> PlatformModel | None:
-        """Bodies and joints of the plant; None where none are simulated."""
-        return self.plant.model
-
-    def reset(self, root_context: Context, scenario: LevellingScenario) -> None:
-        """Puts the platform on feet or wheels and draws gains, biases and noise from the seed.
-
-        Args:
-            root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: its `Beginning` is taken. What is built in, such as the plant with its
-                dimensions, the sensors' resolution and the job's times, stays.
-        """
-        beginning = Beginning.from_scenario(scenario, self.geometry)
-        actuators = self.actuators.GetMyMutableContextFromRoot(root_context)
-        self.actuators.set_extension(actuators, beginning.extension)
-        self.actuators.set_gain_scale(actuators, beginning.gain_scale)
-        imu = self.imu.GetMyMutableContextFromRoot(root_context)
-        self.imu.set_turn_on_bias(imu, beginning.gyro_bias, beginning.accel_bias)
-        noise = self.noise.GetMyMutableContextFromRoot(root_context)
-        self.noise.set_seed(noise, beginning.noise_seed)
-        for system in self.plant.on_ground:
-            context = system.GetMyMutableContextFromRoot(root_context)
-            system.set_ground(context, beginning.ground, beginning.foot_offsets)
-        self.plant.put(root_context, beginning)
-
-
-type PlantMaker = Callable[
-    [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], Plant
-]
+    if meshcat is not None:
+        add_drawing(
+            builder,
+            scenario.ground.inclination,
+            meshcat,
+            drives.rods.GetOutputPort("extension"),
+            platform.GetOutputPort("base_pose"),
+            drives.arm_angles,
+            geometry=scenario.machine.geometry,
+            structure=scenario.machine.structure,
+        )
+    return Plant(signals, put)
 
 
 def add_simulated(
     add_plant: PlantMaker,
-    time_step: float,
     builder: DiagramBuilder,
     scenario: LevellingScenario,
     meshcat: Meshcat | None,
@@ -408,102 +349,105 @@ def add_simulated(
 
     Args:
         add_plant: adds the plant.
-        time_step: step of the actuators [s].
         builder: builder of the station.
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    geometry, period = scenario.geometry_as_built, scenario.control.period
-    beginning = Beginning.from_scenario(scenario, geometry)
-    rods = LinearActuator(
-        scenario.machine.actuators.params,
-        time_step=time_step,
-        extension=beginning.extension,
-        gain_scale=beginning.gain_scale,
-    )
-    actuators = add(builder, rods)
-    wheels = add(
-        builder, VelocityServo(scenario.machine.wheels.drive, WHEEL_COUNT, period), "wheel_drive"
-    )
+    period, geometry = scenario.control.period, scenario.geometry_as_built
+    begin = partial(Beginning.from_scenario, geometry)
+    simulation = Simulation(builder, begin, scenario)
+    beginning = simulation.beginning
+    step = period if scenario.backend == "kinematic" else scenario.plant.time_step
+    actuators = _add_actuators(simulation, scenario.machine.actuators.params, step)
+    drive = scenario.machine.wheels.drive
+    wheels = simulation.add_drives(VelocityServo(drive, WHEEL_COUNT, period), "wheels")
     arm = add(builder, Multiplexer(2), "arm_command")
-    drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
-    connect(builder, arm.get_output_port(), drive.get_input_port())
+    for i, part in enumerate(("turntable", "arm")):
+        simulation.inputs[f"{part}.position_command"] = arm.get_input_port(i)
+    led = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
+    connect(builder, arm.get_output_port(), led.get_input_port())
     drives = Drives(
         rods=actuators,
         wheels=wheels.GetOutputPort("state"),
-        arm=drive.get_output_port(),
+        arm=led.get_output_port(),
         arm_angles=arm.get_output_port(),
     )
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
+    simulation.add_plant(plant, _HIDDEN)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
-    outputs, imu, noise = _add_sensors(builder, scenario, beginning, actuators, wheels, plant)
-    for name in ("posture", "contact_force", "foot_height", "load_force", "loop_error"):
-        outputs[f"truth.{name}"] = plant.signals[name]
-    outputs["truth.extension"] = actuators.GetOutputPort("extension")
-    simulation = Simulation(plant, actuators, imu, noise, geometry)
-    inputs = _drive_inputs(actuators, wheels) | {
-        "turntable.position_command": arm.get_input_port(0),
-        "arm.position_command": arm.get_input_port(1),
-    }
-    return Behind(inputs, outputs, simulation.reset, handle=simulation)
+    simulation.outputs["truth.extension"] = actuators.GetOutputPort("extension")
+    _add_leg_sensors(simulation, scenario, actuators, plant.signals["contact_force"])
+    imu_period, late = _add_imu(simulation, scenario, plant.signals)
+    return simulation.behind(PARTS, (0.0, imu_period, period, 0.0), (0.0, late, 0.0, 0.0))
 
 
-def add_bodies(
-    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the platform as rigid bodies with closed loops and contact, its drives and sensors."""
-    step = scenario.plant.time_step
-    return add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+def _add_actuators(
+    simulation: Simulation[LevellingScenario, Beginning], params: LinearActuatorParams, step: float
+) -> LinearActuator:
+    """Adds the four linear actuators."""
+    beginning = simulation.beginning
+    rods = LinearActuator(
+        params, time_step=step, extension=beginning.extension, gain_scale=beginning.gain_scale
+    )
+    actuators = add(simulation.builder, rods)
+    for name in ("voltage", "stop"):
+        simulation.inputs[f"legs.{name}"] = actuators.GetInputPort(name)
+
+    def put(root_context: Context, beginning: Beginning) -> None:
+        context = actuators.GetMyMutableContextFromRoot(root_context)
+        actuators.set_extension(context, beginning.extension)
+        actuators.set_gain_scale(context, beginning.gain_scale)
+
+    simulation.on_put(put)
+    return actuators
 
 
-def add_statics(
-    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the platform as closed-form statics, its drives and sensors."""
-    step = scenario.control.period
-    return add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
-
-
-def _drive_inputs(actuators: LinearActuator, wheels: VelocityServo) -> dict[str, InputPort]:
-    return {
-        "legs.voltage": actuators.GetInputPort("voltage"),
-        "legs.stop": actuators.GetInputPort("stop"),
-        "wheels.velocity_command": wheels.GetInputPort("velocity_command"),
-        "wheels.brake": wheels.GetInputPort("brake"),
-    }
-
-
-def _add_sensors(
-    builder: DiagramBuilder,
+def _add_leg_sensors(
+    simulation: Simulation[LevellingScenario, Beginning],
     scenario: LevellingScenario,
-    beginning: Beginning,
     actuators: LinearActuator,
-    wheels: VelocityServo,
-    plant: Plant,
-) -> tuple[dict[str, OutputPort], Imu, NoiseSource]:
-    """Encoders, limit switches, inertial sensor and device status, by the names of the ports."""
-    sensors, period = scenario.machine.sensors, scenario.control.period
-    outputs: dict[str, OutputPort] = {}
-    resolution = 1e-3 * sensors.encoder_resolution_mm
-    encoder = add(builder, Encoder(resolution=resolution, gate_time=period))
+    contact_force: OutputPort,
+) -> None:
+    """Encoders and limit switches."""
+    builder = simulation.builder
+    resolution = 1e-3 * scenario.machine.sensors.encoder_resolution_mm
+    encoder = add(builder, Encoder(resolution=resolution, gate_time=scenario.control.period))
     connect(builder, actuators.GetOutputPort("extension"), encoder.GetInputPort("position"))
     connect(builder, actuators.GetOutputPort("velocity"), encoder.GetInputPort("velocity"))
-    outputs["legs.extension"] = encoder.GetOutputPort("position_measured")
-    outputs["legs.velocity"] = encoder.GetOutputPort("velocity_measured")
+    simulation.outputs["legs.extension"] = encoder.GetOutputPort("position_measured")
+    simulation.outputs["legs.velocity"] = encoder.GetOutputPort("velocity_measured")
+    _add_switches(simulation, scenario, actuators, contact_force)
 
-    switches = add(builder, LimitSwitches(params=scenario.machine.actuators.switches))
+
+def _add_switches[B](
+    simulation: Simulation[LevellingScenario, B],
+    scenario: LevellingScenario,
+    actuators: LinearActuator,
+    contact_force: OutputPort,
+) -> None:
+    builder, params = simulation.builder, scenario.machine.actuators.switches
+    switches = add(builder, LimitSwitches(params=params))
     connect(builder, actuators.GetOutputPort("extension"), switches.GetInputPort("extension"))
-    connect(builder, plant.signals["contact_force"], switches.GetInputPort("contact_force"))
-    outputs["legs.limits"] = switches.GetOutputPort("limits")
+    connect(builder, contact_force, switches.GetInputPort("contact_force"))
+    simulation.outputs["legs.limits"] = switches.GetOutputPort("limits")
 
+
+def _add_imu(
+    simulation: Simulation[LevellingScenario, Beginning],
+    scenario: LevellingScenario,
+    signals: Mapping[str, OutputPort],
+) -> tuple[float, float]:
+    """Adds the inertial sensor; returns its period, and the further age of its data [s]."""
+    builder, beginning = simulation.builder, simulation.beginning
+    sensors = scenario.machine.sensors
     inertial = replace(
         ImuParams() if sensors.imu_noise else ImuParams.ideal(),
         gyro_turn_on_bias=beginning.gyro_bias,
         accel_turn_on_bias=beginning.accel_bias,
     )
     imu, noise = add_imu(builder, inertial, seed=beginning.noise_seed)
-    for name in ("angular_velocity", "specific_force", "attitude"):
-        connect(builder, plant.signals[name], imu.GetInputPort(name))
+    for name in _HIDDEN:
+        connect(builder, signals[name], imu.GetInputPort(name))
     late = round(1e-3 * sensors.imu_delay_ms / imu.period)
     for name in ("gyro", "accel", "mag"):
         sample = imu.GetOutputPort(name)
@@ -512,71 +456,43 @@ def _add_sensors(
             delay = add(builder, DiscreteTimeDelay(imu.period, late - 1, 3), f"delayed_{name}")
             connect(builder, sample, delay.get_input_port())
             sample = delay.get_output_port()
-        outputs[f"imu.{name}"] = sample
+        simulation.outputs[f"imu.{name}"] = sample
 
-    for name in ("position", "velocity"):
-        outputs[f"wheels.{name}"] = wheels.GetOutputPort(f"{name}_measured")
-    periods, delays = (0.0, imu.period, period, 0.0), (0.0, late * imu.period, 0.0, 0.0)
-    outputs |= _add_status(builder, periods, delays)
-    return outputs, imu, noise
+    def put(root_context: Context, beginning: Beginning) -> None:
+        context = imu.GetMyMutableContextFromRoot(root_context)
+        imu.set_turn_on_bias(context, beginning.gyro_bias, beginning.accel_bias)
+        noise.set_seed(noise.GetMyMutableContextFromRoot(root_context), beginning.noise_seed)
 
-
-def _add_status(
-    builder: DiagramBuilder, periods: Sequence[float], delays: Sequence[float] = ()
-) -> dict[str, OutputPort]:
-    status = add(builder, DeviceStatus(PARTS, periods, delays))
-    return {f"status.{name}": status.GetOutputPort(name) for name in ("age", "fault")}
+    simulation.on_put(put)
+    return imu.period, late * imu.period
 
 
-def add_mock(
-    builder: DiagramBuilder, scenario: LevellingScenario, meshcat: Meshcat | None = None
-) -> Behind:
-    """Adds what mirrors commands to measurements, exactly and without dynamics.
+def mirror(
+    mock: Simulation[LevellingScenario, LevellingScenario], scenario: LevellingScenario
+) -> Rest:
+    """Legs extend at K times their voltage, and the platform stands level as they say.
 
-    Legs extend at K times their voltage, wheels turn as commanded, the platform stands on level
-    ground as its legs say, and every sensor shows the exact value. There are no `truth` ports:
-    nothing is hidden. Its use: to try out a program around the ports where neither a plant's nor
-    the hardware's peculiarities matter.
-
-    Args:
-        builder: builder of the station.
-        scenario: its period, job and supply of the actuators are taken.
-        meshcat: not used; there is nothing to draw.
+    Wheels turn as commanded; every sensor shows the exact value.
     """
-    period = scenario.control.period
-    params = replace(scenario.machine.actuators.params, model="integrator", coulomb_friction=0.0)
+    builder, period, machine = mock.builder, scenario.control.period, scenario.machine
+    params = replace(machine.actuators.params, model="integrator", coulomb_friction=0.0)
     start = scenario.initial_extensions
     actuators = add(builder, LinearActuator(params, time_step=period, extension=start))
-    # Without lag and counts; as fast as the real ones.
-    exact = VelocityServoParams(0.0, 1e-9, scenario.machine.wheels.drive.max_velocity)
-    wheels = add(builder, VelocityServo(exact, WHEEL_COUNT, period), "wheel_drive")
-    inputs = _drive_inputs(actuators, wheels)
-    for name in ("arm.position_command", "turntable.position_command"):
-        inputs[name] = add(builder, PassThrough(1), name).get_input_port()  # leads nowhere
+    for name in ("voltage", "stop"):
+        mock.inputs[f"legs.{name}"] = actuators.GetInputPort(name)
 
-    switches = add(builder, LimitSwitches(params=scenario.machine.actuators.switches))
-    extension = actuators.GetOutputPort("extension")
-    connect(builder, extension, switches.GetInputPort("extension"))
-    platform = add(builder, KinematicPlatform(scenario.machine.geometry, scenario.machine.masses))
-    for name in ("extension", "velocity"):
-        connect(builder, actuators.GetOutputPort(name), platform.GetInputPort(name))
-    force = platform.GetOutputPort("contact_force")
-    connect(builder, force, switches.GetInputPort("contact_force"))
-    magnetic = np.array(ImuParams().magnetic_field)
-    field = add(builder, ConstantVectorSource(magnetic), "mag")
-    outputs = {
-        "legs.extension": extension,
-        "legs.velocity": actuators.GetOutputPort("velocity"),
-        "legs.limits": switches.GetOutputPort("limits"),
-        "imu.gyro": platform.GetOutputPort("angular_velocity"),
-        "imu.accel": platform.GetOutputPort("specific_force"),
-        "imu.mag": field.get_output_port(),
-        "wheels.position": wheels.GetOutputPort("position_measured"),
-        "wheels.velocity": wheels.GetOutputPort("velocity_measured"),
-    } | _add_status(builder, (0.0,) * len(PARTS))
-
-    def reset(root_context: Context, beginning: LevellingScenario) -> None:
+    def put(root_context: Context, scenario: LevellingScenario) -> None:
         context = actuators.GetMyMutableContextFromRoot(root_context)
-        actuators.set_extension(context, beginning.initial_extensions)
+        actuators.set_extension(context, scenario.initial_extensions)
 
-    return Behind(inputs, outputs, reset)
+    mock.on_put(put)
+    # Without lag and counts; as fast as the real ones.
+    mock.add_drives(VelocityServo(machine.wheels.drive.exact(), WHEEL_COUNT, period), "wheels")
+    platform = add(builder, KinematicPlatform(machine.geometry, machine.masses))
+    for name in ("extension", "velocity"):
+        mock.outputs[f"legs.{name}"] = actuators.GetOutputPort(name)
+        connect(builder, actuators.GetOutputPort(name), platform.GetInputPort(name))
+    _add_switches(mock, scenario, actuators, platform.GetOutputPort("contact_force"))
+    for name, signal in (("gyro", "angular_velocity"), ("accel", "specific_force")):
+        mock.outputs[f"imu.{name}"] = platform.GetOutputPort(signal)
+    return {"imu.mag": ImuParams().magnetic_field}

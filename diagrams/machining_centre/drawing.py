@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Cylinder, Meshcat, Rgba, SceneGraph, Shape, Sphere
+from pydrake.geometry import Cylinder, Meshcat, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
@@ -16,7 +15,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from parapod.diagrams.drawing import draw, publish
+from parapod.diagrams.drawing import draw_model, publish
 from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.machining_centre.scenario import Plan
 from parapod.diagrams.wiring import add, connect
@@ -145,14 +144,10 @@ def add_drawing(
         meshcat: scene in which to draw; None: poses are all that is asked for.
         path: its path in the scene.
     """
-    plant = MultibodyPlant(time_step=1e-3)
-    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_centre(plant, geometry)
-    positions = add(builder, CentrePositions(model), f"positions_of_{path}")
-    connect(builder, pose, positions.GetInputPort("pose"))
-    connect(builder, feet, positions.GetInputPort("feet"))
-    draw(builder, plant, positions.get_output_port(), scene_graph)
+    signals = {"pose": pose, "feet": feet}
+    scene_graph, _ = draw_model(
+        builder, path, lambda plant: CentrePositions(add_centre(plant, geometry)), signals
+    )
     publish(builder, scene_graph, meshcat, path)
 
 

@@ -1,22 +1,27 @@
 """The machining centres, tripod and quadruped: one declaration."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.machine import Machine, SelfTest, numbered
+from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.machining_centre.controller import make_controller
-from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.drivers import fittings_of
 from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
-from parapod.diagrams.machining_centre.plants import add_bodies, add_kinematics, add_mock
+from parapod.diagrams.machining_centre.plants import (
+    add_kinematic_plant,
+    add_multibody_plant,
+    add_simulated,
+    mirror,
+)
 from parapod.diagrams.machining_centre.ports import PARTS, ports_of_limbs
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.diagrams.machining_centre.twin import CentreTwin
 from parapod.diagrams.plots import Limits
+from parapod.diagrams.real import MachineView, RealMachine, SelfTest
 from parapod.diagrams.wiring import named_source
 
 # Upper bound of `stop_at` [s].
@@ -36,17 +41,6 @@ def _stop(scenario: CentreScenario) -> Sequence[System]:
     return (named_source("stop", pressed),)
 
 
-def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
-    """Sizes of the ports, and what may be moved alone."""
-    alone = {"legs": _MOVE} if scenario.machine.limbs == _MOVES_ALONE else {}
-    return {
-        "ports": ports_of_limbs(scenario.machine.limbs),
-        "self_tests": alone,
-        "axes": {"legs": numbered("leg", 2 * scenario.machine.limbs)},
-        "fittings": {"legs": fittings_of(scenario.machine.geometry)},
-    }
-
-
 def _limits(scenario: CentreScenario) -> Limits:
     """Stroke, speed and force of the legs, and how far they may be off their way."""
     geometry, legs = scenario.machine.geometry, scenario.machine.legs
@@ -62,21 +56,12 @@ def _limits(scenario: CentreScenario) -> Limits:
     }
 
 
-def _emulated(scenario: CentreScenario, period: float) -> CentreScenario:
-    """Drives as devices command them: these count, and their set values come when they come.
-
-    A drive without a lag would run from one set value to the next, and stand in between.
-    """
-    legs = replace(
-        scenario.machine.legs,
-        encoder_resolution_mm=0.0,
-        arrival_ms=_ARRIVAL,
-        time_constant_ms=_LAG,
-    )
-    machine = replace(scenario.machine, legs=legs)
-    return replace(scenario, control=replace(scenario.control, period=period), machine=machine)
-
-
+# A drive without a lag would run from one set value to the next, and stand in between.
+_BY_DEVICES = {
+    "machine.legs.encoder_resolution_mm": 0.0,
+    "machine.legs.arrival_ms": _ARRIVAL,
+    "machine.legs.time_constant_ms": _LAG,
+}
 _MOVE = SelfTest(
     command="position_command",
     usual=0.002,
@@ -86,33 +71,48 @@ _MOVE = SelfTest(
     is_position=True,
 )
 
+
+def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
+    """Sizes of the ports, and what may be moved alone."""
+    limbs = scenario.machine.limbs
+    real = RealMachine(
+        self_tests={"legs": _MOVE} if limbs == _MOVES_ALONE else {},
+        fittings={"legs": fittings_of(scenario.machine.geometry)},
+        exchange={"multibody": 5e-3, "kinematic": 5e-3},
+        by_devices=_BY_DEVICES,
+        cut={"legs.brake": 1.0},
+        switches=("locks.closed", "clamps.closed"),
+        guard=CentreGuard,
+    )
+    axes = {"legs": numbered("leg", 2 * limbs)}
+    return {"ports": ports_of_limbs(limbs), "axes": axes, "real": real}
+
+
 MACHINING_CENTRE = Machine(
     name="machining_centre",
     title="the machining centre",
     experiment="centre-walk",
     scenario=CentreScenario,
-    ports=ports_of_limbs(CentreDesign().limbs),
     parts=PARTS,
-    axes={"legs": numbered("leg", 2 * CentreDesign().limbs)},
-    plants={"multibody": add_bodies, "kinematic": add_kinematics},
-    mock=add_mock,
+    plants={
+        "multibody": partial(add_simulated, add_multibody_plant),
+        "kinematic": partial(add_simulated, add_kinematic_plant),
+    },
+    mirror=mirror,
     controller=make_controller,
     sources=_stop,
-    self_tests={"legs": _MOVE},
-    emulated=_emulated,
-    cut={"legs.brake": 1.0},
-    switches=("locks.closed", "clamps.closed"),
-    guard=CentreGuard,
-    twin=CentreTwin,
-    limits=_limits,
-    plots=(
-        "pose_desired[0:3]+pose_estimated[0:3]",
-        "pose_desired[3:6]+pose_estimated[3:6]",
-        "legs.position",
-        "wrench_margin",
+    view=MachineView(
+        CentreTwin,
+        plots=(
+            "pose_desired[0:3]+pose_estimated[0:3]",
+            "pose_desired[3:6]+pose_estimated[3:6]",
+            "legs.position",
+            "wrench_margin",
+        ),
+        log_every=2,
     ),
-    variant=_variant,
-    exchange={"multibody": 5e-3, "kinematic": 5e-3},
-    log_every=2,
+    limits=_limits,
     resets=lambda scenario: ("seed", "machine.legs.length_error_mm"),
+    variant=_variant,
+    **_variant(CentreScenario()),
 )

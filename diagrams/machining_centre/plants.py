@@ -1,8 +1,8 @@
-"""Plants behind the machining centres' station: rigid bodies, kinematics, mock."""
+"""Plants behind the machining centres' station: rigid bodies and kinematics, with the drives."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from parapod.diagrams.machining_centre.ports import PARTS
 from parapod.diagrams.machining_centre.scenario import CentreScenario, Plan
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.simulated import add_status, ports_of_drives
+from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServoParams
@@ -38,21 +38,25 @@ from parapod.systems.machining_centre.switches import Switches
 _DAMPING = 0.01
 
 
-@dataclass(frozen=True)
-class Plant:
-    """Signals of a plant for the sensors and the truth.
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Beginning of a scenario.
 
     Attributes:
-        switches: ports of the closed locks and clamps.
-        signals: ports by name: pose, feet, joints, leg_force, clamp_gap, loop_error.
-        stand: puts the centre at rest, in a root context, where a plan begins.
-        between_steps: see `Behind`.
+        plan: job; its beginning is that of platform and feet.
+        errors: errors of the encoders' lengths (2n) [m].
+        encoded: lengths (2n) that the encoders measure [m].
     """
 
-    switches: Switches
-    signals: dict[str, OutputPort]
-    stand: Callable[[Context, Plan], None]
-    between_steps: Callable[[Context], None] | None = None
+    plan: Plan
+    errors: NDArray[np.float64]
+    encoded: NDArray[np.float64]
+
+    @classmethod
+    def from_scenario(cls, scenario: CentreScenario) -> "Beginning":
+        """Works out the beginning of a scenario."""
+        errors, plan = scenario.length_errors, scenario.plan
+        return cls(plan, errors, leg_lengths(scenario.machine.geometry, *plan.beginning) - errors)
 
 
 class Legs(NamedTuple):
@@ -61,21 +65,22 @@ class Legs(NamedTuple):
     Attributes:
         position: lengths (2n) [m].
         next_state: lengths and rates (4n) one step ahead [m, m/s].
-        error: source of the errors (2n) [m].
     """
 
     position: OutputPort
     next_state: OutputPort
-    error: ConstantVectorSource
 
 
 type PlantMaker = Callable[
-    [DiagramBuilder, CentreScenario, Legs, DrillingProcess, Meshcat | None], Plant
+    [DiagramBuilder, CentreScenario, Legs, DrillingProcess, Switches, Meshcat | None],
+    Plant[Beginning],
 ]
 
 
-def _add_legs(builder: DiagramBuilder, scenario: CentreScenario, drives: PositionServo) -> Legs:
-    errors, count = scenario.length_errors, scenario.machine.geometry.legs
+def _add_legs(simulation: Simulation[CentreScenario, Beginning], drives: PositionServo) -> Legs:
+    """Adds the errors of the encoders to the lengths of the drives."""
+    builder, errors = simulation.builder, simulation.beginning.errors
+    count = errors.size
     source = add(builder, ConstantVectorSource(errors), "length_error")
     rest = add(builder, MatrixGain(np.eye(2 * count, count)), "length_and_rate_error")
     connect(builder, source.get_output_port(), rest.get_input_port())
@@ -86,16 +91,23 @@ def _add_legs(builder: DiagramBuilder, scenario: CentreScenario, drives: Positio
         connect(builder, port, total.get_input_port(0))
         connect(builder, error.get_output_port(), total.get_input_port(1))
         legs_shown.append(total.get_output_port())
-    return Legs(legs_shown[0], legs_shown[1], source)
+
+    def put(root_context: Context, beginning: Beginning) -> None:
+        context = source.GetMyMutableContextFromRoot(root_context)
+        source.get_mutable_source_value(context).SetFromVector(beginning.errors)
+
+    simulation.on_put(put)
+    return Legs(*legs_shown)
 
 
-def _add_multibody_plant(
+def add_multibody_plant(
     builder: DiagramBuilder,
     scenario: CentreScenario,
     legs: Legs,
     drilling: DrillingProcess,
+    switches: Switches,
     meshcat: Meshcat | None,
-) -> Plant:
+) -> Plant[Beginning]:
     """Adds the plant of rigid bodies, whose legs are held to where the drives are."""
     geometry, plan = scenario.machine.geometry, scenario.plan
     plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
@@ -110,10 +122,6 @@ def _add_multibody_plant(
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
     _load(builder, scenario, model, drilling)
-    switches = add(
-        builder,
-        Switches(geometry, period=control, delay=1e-3 * scenario.plant.switching_ms),
-    )
     connect(builder, truth.GetOutputPort("feet"), switches.GetInputPort("feet"))
     if meshcat is None:
         remove_visuals(plant, scene_graph)
@@ -123,11 +131,11 @@ def _add_multibody_plant(
     names = ("pose", "feet", "joints", "clamp_gap", "loop_error")
     signals = {name: truth.GetOutputPort(name) for name in names} | {"leg_force": force}
 
-    def stand(root_context: Context, plan: Plan) -> None:
+    def put(root_context: Context, beginning: Beginning) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
-        model.stand(context, *plan.beginning)
+        model.stand(context, *beginning.plan.beginning)
 
-    return Plant(switches, signals, stand, locking.obey)
+    return Plant(signals, put, locking.obey, model)
 
 
 def _load(
@@ -149,19 +157,18 @@ def _load(
     connect(builder, drill.get_spatial_forces_output_port(), applied)
 
 
-def _add_kinematic_plant(
+def add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: CentreScenario,
     legs: Legs,
     drilling: DrillingProcess,
+    switches: Switches,
     meshcat: Meshcat | None,
-) -> Plant:
+) -> Plant[Beginning]:
     """Adds the plant without dynamics, and with `meshcat` a drawing of it."""
     geometry, plan, period = scenario.machine.geometry, scenario.plan, scenario.control.period
     pose, feet = plan.beginning
     posture = add(builder, CentrePosture(geometry, period, pose, feet))
-    delay = 1e-3 * scenario.plant.switching_ms
-    switches = add(builder, Switches(geometry, plan.job.panel, period, delay))
     statics = add(builder, CentreStatics(geometry, plan.job.process.masses))
     for name in ("locks_closed", "clamps_closed"):
         connect(builder, switches.GetOutputPort(name), posture.GetInputPort(name))
@@ -181,165 +188,99 @@ def _add_kinematic_plant(
     if meshcat is not None:
         add_drawing(builder, geometry, signals["pose"], signals["feet"], meshcat)
 
-    def stand(root_context: Context, plan: Plan) -> None:
-        posture.stand(root_context, plan.beginning.pose, plan.beginning.feet)
+    def put(root_context: Context, beginning: Beginning) -> None:
+        posture.stand(root_context, *beginning.plan.beginning)
 
-    return Plant(switches, signals, stand)
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """A simulated centre and the handles that put it at its beginning.
-
-    Attributes:
-        plant: the plant.
-        drives: the legs' drives.
-        legs: their true lengths.
-    """
-
-    plant: Plant
-    drives: PositionServo
-    legs: Legs
-
-    def reset(self, root_context: Context, scenario: CentreScenario) -> None:
-        """Puts the centre where its job begins.
-
-        Args:
-            root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: its plan's beginning is taken; what is built in stays.
-        """
-        errors, error = scenario.length_errors, self.legs.error
-        self.drives.set_position(root_context, _encoded(scenario))
-        error.get_mutable_source_value(
-            error.GetMyMutableContextFromRoot(root_context)
-        ).SetFromVector(errors)
-        self.plant.stand(root_context, scenario.plan)
+    return Plant(signals, put)
 
 
-def _add_simulated(
+def add_simulated(
     add_plant: PlantMaker,
-    drive_step: float,
     builder: DiagramBuilder,
     scenario: CentreScenario,
     meshcat: Meshcat | None,
 ) -> Behind:
-    """Adds drives, a plant, the drill, currents and status.
+    """Adds drives, a plant, switches, the drill, currents and status.
 
     Args:
         add_plant: adds the plant.
-        drive_step: step of the drives' model [s].
         builder: builder of the station.
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    geometry, plan, period = scenario.machine.geometry, scenario.plan, scenario.control.period
-    arrival = scenario.machine.legs.arrival_ms
-    servo = PositionServo(
-        drive_params(scenario),
-        geometry.legs,
-        period,
-        drive_step,
-        _encoded(scenario),
-        None if arrival is None else 1e-3 * arrival,
-    )
-    drives = add(builder, servo, "drives")
-    legs = _add_legs(builder, scenario, drives)
-    job = plan.job
+    geometry, period = scenario.machine.geometry, scenario.control.period
+    simulation = Simulation(builder, Beginning.from_scenario, scenario)
+    is_kinematic = scenario.backend == "kinematic"
+    # Only samples of kinematics count: twice as often as the command.
+    step = 0.5 * period if is_kinematic else scenario.plant.time_step
+    servo = make_drives(scenario, simulation.beginning, step)
+    drives = simulation.add_drives(servo, "legs", _put_drives)
+    legs = _add_legs(simulation, drives)
+    job = scenario.plan.job
     drilling = add(builder, DrillingProcess(job.process, job.panel, job.speeds.feed, period))
-    plant = add_plant(builder, scenario, legs, drilling, meshcat)
+    # Feet of bodies are where the panel has them.
+    panel, delay = (job.panel if is_kinematic else None), 1e-3 * scenario.plant.switching_ms
+    switches = add_switches(simulation, Switches(geometry, panel, period, delay))
+    plant = add_plant(builder, scenario, legs, drilling, switches, meshcat)
+    simulation.add_plant(plant)
     connect(builder, plant.signals["pose"], drilling.GetInputPort("pose"))
     if meshcat is not None:
-        switch_states = [
-            plant.switches.GetOutputPort(f"{name}_closed") for name in ("locks", "clamps")
-        ]
-        add_colours(builder, geometry, (switch_states[0], switch_states[1]), meshcat)
-    per_newton = 1.0 / scenario.machine.legs.force_per_current_N_A
-    current = add(builder, MatrixGain(per_newton * np.eye(geometry.legs)), "motor_current")
-    connect(builder, plant.signals["leg_force"], current.get_input_port())
-    inputs, outputs = ports_of_drives(drives, "position_command")
-    inputs |= {
-        f"{part}.command": plant.switches.GetInputPort(f"{part}_command")
-        for part in ("locks", "clamps")
-    }
-    outputs |= {
-        f"{part}.closed": plant.switches.GetOutputPort(f"{part}_closed")
-        for part in ("locks", "clamps")
-    }
-    outputs |= {
-        "legs.current": current.get_output_port(),
-        "tool.force": drilling.GetOutputPort("tool_force"),
-        "truth.tip_height": drilling.GetOutputPort("tip_height"),
-    }
-    outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
-    outputs |= add_status(builder, PARTS)
-    simulation = Simulation(plant, drives, legs)
-    return Behind(
-        inputs, outputs, simulation.reset, between_steps=plant.between_steps, handle=simulation
-    )
+        locks, clamps = (simulation.outputs[f"{part}.closed"] for part in ("locks", "clamps"))
+        add_colours(builder, geometry, (locks, clamps), meshcat)
+    per_current = scenario.machine.legs.force_per_current_N_A
+    simulation.add_current("legs", plant.signals["leg_force"], per_current)
+    simulation.outputs["tool.force"] = drilling.GetOutputPort("tool_force")
+    simulation.outputs["truth.tip_height"] = drilling.GetOutputPort("tip_height")
+    return simulation.behind(PARTS)
 
 
-def add_bodies(
-    builder: DiagramBuilder, scenario: CentreScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the centre as rigid bodies with closed loops, locks and clamps, and its drives."""
-    step = scenario.plant.time_step
-    return _add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+def _put_drives(drives: PositionServo, root_context: Context, beginning: Beginning) -> None:
+    drives.set_position(root_context, beginning.encoded)
 
 
-def add_kinematics(
-    builder: DiagramBuilder, scenario: CentreScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the centre as closed-form kinematics, and its drives."""
-    # Only samples of this plant count: twice as often as the command.
-    step = 0.5 * scenario.control.period
-    return _add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+def make_drives(
+    scenario: CentreScenario, beginning: Beginning, step: float | None = None
+) -> PositionServo:
+    """The legs' drives, with their stroke; exact ones without a step.
 
-
-def _encoded(scenario: CentreScenario) -> NDArray[np.float64]:
-    """Lengths (2n) that the encoders measure where the job begins [m]."""
-    lengths = leg_lengths(scenario.machine.geometry, *scenario.plan.beginning)
-    return lengths - scenario.length_errors
-
-
-def drive_params(scenario: CentreScenario) -> VelocityServoParams:
-    """Parameters of the legs' drives, with their stroke."""
+    Args:
+        scenario: its legs and period are taken.
+        beginning: where they begin.
+        step: step of their model [s]; None: they have neither lag nor counts nor errors.
+    """
     legs, geometry = scenario.machine.legs, scenario.machine.geometry
-    return VelocityServoParams(
+    params = VelocityServoParams(
         resolution=1e-3 * legs.encoder_resolution_mm,
         time_constant=1e-3 * legs.time_constant_ms,
         max_velocity=1e-3 * legs.max_velocity_mm_s,
         stop_min=geometry.stroke_min,
         stop_max=geometry.stroke_max,
     )
+    period, start = scenario.control.period, beginning.encoded
+    if step is None:
+        lengths = start + beginning.errors
+        return PositionServo(params.exact(), geometry.legs, period, position=lengths)
+    arrival = None if legs.arrival_ms is None else 1e-3 * legs.arrival_ms
+    return PositionServo(params, geometry.legs, period, step, start, arrival)
 
 
-def add_mock(
-    builder: DiagramBuilder, scenario: CentreScenario, meshcat: Meshcat | None = None
-) -> Behind:
-    """Adds what mirrors commands to measurements, exactly and without dynamics.
+def add_switches[B](simulation: Simulation[CentreScenario, B], switches: Switches) -> Switches:
+    """Adds locks and clamps."""
+    add(simulation.builder, switches)
+    for part in ("locks", "clamps"):
+        simulation.inputs[f"{part}.command"] = switches.GetInputPort(f"{part}_command")
+        simulation.outputs[f"{part}.closed"] = switches.GetOutputPort(f"{part}_closed")
+    return switches
 
-    Legs are at their commands, locks and clamps too, a period later; the motors
-    draw no current. There are no `truth` ports: nothing is hidden.
 
-    Args:
-        builder: builder of the station.
-        scenario: its period, drives' limits and beginning are taken.
-        meshcat: not used; there is nothing to draw.
-    """
-    geometry, period = scenario.machine.geometry, scenario.control.period
-    exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
-    start: NDArray[np.float64] = leg_lengths(geometry, *scenario.plan.beginning)
-    drives = add(builder, PositionServo(exact, geometry.legs, period, position=start), "drives")
+def mirror(mock: Simulation[CentreScenario, CentreScenario], scenario: CentreScenario) -> Rest:
+    """Legs are at their commands a period later, and so are locks and clamps."""
+    geometry = scenario.machine.geometry
+    mock.add_drives(make_drives(scenario, Beginning.from_scenario(scenario)), "legs")
     # All feet are always on this one.
     panel = Panel(math.inf, geometry.foot_height)
-    switches = add(builder, Switches(geometry, panel, period))
-    feet = np.tile(panel.foothold(0.0, 0.0), geometry.limbs)
-    somewhere = add(builder, ConstantVectorSource(feet), "somewhere")
-    connect(builder, somewhere.get_output_port(), switches.GetInputPort("feet"))
-    current = add(builder, ConstantVectorSource(np.zeros(geometry.legs)), "motor_current")
-    inputs, outputs = ports_of_drives(drives, "position_command")
-    for part in ("locks", "clamps"):
-        inputs[f"{part}.command"] = switches.GetInputPort(f"{part}_command")
-        outputs[f"{part}.closed"] = switches.GetOutputPort(f"{part}_closed")
-    outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
-    return Behind(inputs, outputs)
+    switches = add_switches(mock, Switches(geometry, panel, scenario.control.period))
+    feet = ConstantVectorSource(np.tile(panel.foothold(0.0, 0.0), geometry.limbs))
+    somewhere = add(mock.builder, feet, "somewhere")
+    connect(mock.builder, somewhere.get_output_port(), switches.GetInputPort("feet"))
+    return {}

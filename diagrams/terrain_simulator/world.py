@@ -13,7 +13,7 @@ from pydrake.geometry import Box, Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, TrajectorySource
+from pydrake.systems.primitives import Adder, Gain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.drawing import publish, remove_visuals
@@ -24,11 +24,8 @@ from parapod.diagrams.terrain_simulator.drawing import profile
 from parapod.diagrams.terrain_simulator.leg import foot_contact
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.model import add_leg_on_slide
-from parapod.diagrams.terrain_simulator.plants import (
-    add_leg_ports,
-    add_plate,
-    make_servo,
-)
+from parapod.diagrams.terrain_simulator.plants import add_leg_ports, add_plate, simulation_of
+from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.vectors import Array
@@ -64,9 +61,11 @@ def add_world(
     way = (x + motion.distance[0], motion.distance[1])
     travelled = _source(builder, "column", times - step, way, is_state=True)
     connect(builder, travelled, plant.get_desired_state_input_port(on_slide.column))
-    none = add(builder, ConstantVectorSource(np.zeros(3)), "cells")
-    inputs, outputs = add_plate(builder, scenario, make_servo(scenario), none.get_output_port())
-    add_leg_ports(builder, scenario, plant, on_slide, leg, inputs, outputs)
+    simulation = simulation_of(builder, scenario)
+    add_plate(simulation, scenario)
+    add_leg_ports(simulation, scenario, plant, on_slide)
+    simulation.rest(ports_of_joints(scenario.leg.ports), {})  # no force in the cells
+    outputs = simulation.outputs
     # Heights over the body's rise, as on the bench.
     for name, order in (("position", 0), ("velocity", 1)):
         pair = (motion.rise[order], motion.rise[order + 1])
@@ -83,7 +82,7 @@ def add_world(
         x + start.distance[0], z + start.rise[0], *stands
     )  # fmt: skip
     plant.SetDefaultPositions(positions)
-    return Behind(inputs, outputs)
+    return simulation.behind(PARTS)
 
 
 def _source(

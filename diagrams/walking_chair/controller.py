@@ -1,17 +1,31 @@
 """The walking chair's controller: from a gait and measurements to velocities of the drives."""
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import named, wired
 from parapod.systems.actuators.compound_position_controller import CompoundPositionController
 from parapod.systems.walking_chair.feedforward import ChairFeedforward, EasedStart
 from parapod.systems.walking_chair.geometry import BRANCHES
 from parapod.systems.walking_chair.payload import PayloadEstimator, PayloadEstimatorParams
 from parapod.systems.walking_chair.planner import GaitPlanner
 from parapod.systems.walking_chair.support import SupportMonitor, SupportMonitorParams
+
+# Signals by the names of the ports inside.
+_SIGNALS = {
+    "position_measured": "legs.position",
+    "position": "legs.position",
+    "current": "legs.current",
+    "velocity_command": "legs.velocity_command",
+    "payload": "payload_estimated",
+    "margin": "support_margin",
+}
+_SHOWN = (
+    *("legs.velocity_command", "position_node", "gait_time", "support", "done"),
+    *("payload_estimated", "support_margin", "hold", "legs.brake"),
+)
 
 
 def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagram:
@@ -25,48 +39,18 @@ def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagr
         scenario: its `machine`, `gait`, `control` and `begin` are used.
         is_operated: true if a person operates it.
     """
-    builder = DiagramBuilder()
     control, walk, machine = scenario.control, scenario.walk, scenario.machine
     geometry, masses, drives = machine.geometry, machine.masses, machine.drives
-    planner = add(builder, GaitPlanner(walk, geometry, control.period, scenario.begin))
-    feedforward = add(builder, ChairFeedforward(geometry))
-    start = add(builder, EasedStart(period=control.period))
-    drive = CompoundPositionController(control.params(drives), len(BRANCHES), control.period)
-    position = add(builder, drive)
     estimator = PayloadEstimatorParams(drives.force_per_current)
-    payload = add(builder, PayloadEstimator(estimator, geometry, masses))
     required = SupportMonitorParams(required=1e-3 * control.support_margin_mm)
-    monitor = add(builder, SupportMonitor(walk, required, geometry, masses))
-    for source, sink in (
-        (planner.GetOutputPort("body_motion"), feedforward.GetInputPort("body_motion")),
-        (planner.GetOutputPort("foot_motion"), feedforward.GetInputPort("foot_motion")),
-        (planner.GetOutputPort("references"), feedforward.GetInputPort("references")),
-        (feedforward.GetOutputPort("length"), start.GetInputPort("length")),
-        (start.GetOutputPort("position_node"), position.GetInputPort("position_node")),
-        (payload.GetOutputPort("payload"), monitor.GetInputPort("payload")),
-        (planner.GetOutputPort("gait_time"), monitor.GetInputPort("gait_time")),
-        (monitor.GetOutputPort("hold"), planner.GetInputPort("hold")),
-    ):
-        connect(builder, source, sink)
-    measured = builder.ExportInput(position.GetInputPort("position_measured"), "legs.position")
-    builder.ConnectInput(measured, payload.GetInputPort("position"))
-    builder.ConnectInput(measured, start.GetInputPort("position_measured"))
-    builder.ExportInput(payload.GetInputPort("current"), "legs.current")
-    if is_operated:
-        builder.ExportInput(planner.GetInputPort("halt"), "halt")
-    for port, name in (
-        (position.GetOutputPort("velocity_command"), "legs.velocity_command"),
-        (start.GetOutputPort("position_node"), "position_node"),
-        (planner.GetOutputPort("gait_time"), "gait_time"),
-        (planner.GetOutputPort("support"), "support"),
-        (planner.GetOutputPort("done"), "done"),
-        (payload.GetOutputPort("payload"), "payload_estimated"),
-        (monitor.GetOutputPort("margin"), "support_margin"),
-        (monitor.GetOutputPort("hold"), "hold"),
-    ):
-        builder.ExportOutput(port, name)
-    released = add(builder, ConstantVectorSource(np.zeros(1)), "brake_released")
-    builder.ExportOutput(released.get_output_port(), "legs.brake")
-    diagram = builder.Build()
-    diagram.set_name("controller")
-    return diagram
+    systems = (
+        GaitPlanner(walk, geometry, control.period, scenario.begin),
+        ChairFeedforward(geometry),
+        EasedStart(period=control.period),
+        CompoundPositionController(control.params(drives), len(BRANCHES), control.period),
+        PayloadEstimator(estimator, geometry, masses),
+        SupportMonitor(walk, required, geometry, masses),
+        (named("brake_released", ConstantVectorSource(np.zeros(1))), {"y0": "legs.brake"}),
+    )
+    unused = ("enable",) if is_operated else ("enable", "halt")
+    return wired("controller", systems, _SHOWN, _SIGNALS, unused)

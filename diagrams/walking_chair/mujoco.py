@@ -5,13 +5,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from parapod.diagrams.drawing import publish
 from parapod.diagrams.mujoco import draw, make_plant
-from parapod.diagrams.ports import Behind
-from parapod.diagrams.walking_chair.plants import (
-    Beginning,
-    Plant,
-    add_designed_chair,
-    add_simulated,
-)
+from parapod.diagrams.walking_chair.plants import Beginning, ChairPlant, add_designed_chair
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.velocity_servo import VelocityServo
@@ -21,26 +15,18 @@ from parapod.systems.walking_chair.masses import Passenger
 from parapod.systems.walking_chair.model import ChairTruth
 
 
-def add_mujoco_bodies(
-    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the chair as rigid bodies that MuJoCo simulates, and its drives.
-
-    Raises:
-        MissingExtra: MuJoCo is not installed.
-    """
-    step = scenario.plant.time_step
-    return add_simulated(_add_mujoco_plant, step, builder, scenario, meshcat)
-
-
-def _add_mujoco_plant(
+def add_mujoco_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
     beginning: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
-) -> Plant:
-    """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine."""
+) -> ChairPlant:
+    """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+    """
     plant, scene_graph = make_plant(builder, scenario.plant.time_step, meshcat)
     model = add_designed_chair(plant, scenario, beginning.passenger)
     plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
@@ -69,4 +55,4 @@ def _add_mujoco_plant(
         model.seat(context, passenger)
         bodies.load(bodies.GetMyMutableContextFromRoot(root_context), context)
 
-    return Plant(signals, stand, seat)
+    return ChairPlant(signals, stand, seat=seat)

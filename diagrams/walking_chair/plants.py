@@ -1,23 +1,24 @@
-"""Plants behind the walking chair's station: rigid bodies, statics, mock.
+"""Plants behind the walking chair's station: rigid bodies and statics, with their drives.
 
 Rigid bodies of another engine are in `parapod.diagrams.walking_chair.mujoco`.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.diagrams.drawing import draw, publish, remove_visuals
+from parapod.diagrams.drawing import draw, draw_model, publish, remove_visuals
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.simulated import add_status, ports_of_drives
+from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.walking_chair.model import BranchDrive, add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -49,12 +50,12 @@ class Beginning:
     offset: NDArray[np.float64]
 
     @classmethod
-    def from_scenario(cls, scenario: ChairScenario, walk: Walk) -> Self:
+    def from_scenario(cls, walk: Walk, scenario: ChairScenario) -> Self:
         """Works out the beginning of a scenario.
 
         Args:
-            scenario: its passenger, drives' errors and seed are taken.
             walk: the walk that begins.
+            scenario: its passenger, drives' errors and seed are taken.
         """
         # One stream for both: their order is part of what a seed means.
         random = np.random.default_rng(scenario.seed)
@@ -72,19 +73,19 @@ class Beginning:
 
 
 @dataclass(frozen=True)
-class Plant:
-    """Signals of a plant for the sensors and the truth.
+class ChairPlant(Plant[Beginning]):
+    """Plant of the chair; its signals are all of the truth but positions.
 
     Attributes:
-        signals: ports by name: body_position, body_attitude, force, contact_force, foot_height,
-            loop_error.
-        stand: puts the chair at rest, in a root context, at a beginning.
         seat: exchanges the passenger, in a root context.
     """
 
-    signals: dict[str, OutputPort]
-    stand: Callable[[Context, Beginning], None]
-    seat: Callable[[Context, Passenger], None]
+    seat: Callable[[Context, Passenger], None] = lambda root_context, passenger: None
+
+
+type PlantMaker = Callable[
+    [DiagramBuilder, ChairScenario, Beginning, VelocityServo, Meshcat | None], ChairPlant
+]
 
 
 def add_designed_chair(
@@ -109,13 +110,13 @@ def make_statics(scenario: ChairScenario, beginning: Beginning) -> KinematicChai
     )
 
 
-def _add_multibody_plant(
+def add_multibody_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
     beginning: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
-) -> Plant:
+) -> ChairPlant:
     """Adds the plant of rigid bodies, whose branches are held to where the drives are."""
     time_step = scenario.plant.time_step
     plant, scene_graph = add_discrete_plant(
@@ -142,16 +143,16 @@ def _add_multibody_plant(
     def seat(root_context: Context, passenger: Passenger) -> None:
         model.seat(plant.GetMyMutableContextFromRoot(root_context), passenger)
 
-    return Plant(signals, stand, seat)
+    return ChairPlant(signals, stand, model=model, seat=seat)
 
 
-def _add_kinematic_plant(
+def add_kinematic_plant(
     builder: DiagramBuilder,
     scenario: ChairScenario,
     beginning: Beginning,
     drives: VelocityServo,
     meshcat: Meshcat | None,
-) -> Plant:
+) -> ChairPlant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
     statics = make_statics(scenario, beginning)
     chair = add(builder, statics)
@@ -166,7 +167,7 @@ def _add_kinematic_plant(
     def stand(root_context: Context, beginning: Beginning) -> None:
         chair.stand(root_context, beginning.body[:2], beginning.passenger)
 
-    return Plant(signals, stand, chair.seat)
+    return ChairPlant(signals, stand, seat=chair.seat)
 
 
 def add_drawing(
@@ -187,57 +188,24 @@ def add_drawing(
         meshcat: scene in which to draw; None: poses are all that is asked for.
         path: its path in the scene.
     """
-    plant, figure = MultibodyPlant(time_step=1.0), MultibodyPlant(time_step=1.0)
-    scene_graph = add(builder, SceneGraph(), f"drawing_of_{path}")
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
-    model = add_designed_chair(plant, scenario, replace(scenario.passenger.passenger, mass=0.0))
-    pose = add(builder, ChairPose(model), f"pose_of_{path}")
-    connect(builder, position, pose.GetInputPort("position"))
-    connect(builder, chair.GetOutputPort("body_pose"), pose.GetInputPort("body_pose"))
-    draw(builder, plant, pose.get_output_port(), scene_graph)
+    empty = replace(scenario.passenger.passenger, mass=0.0)
+    signals = {"position": position, "body_pose": chair.GetOutputPort("body_pose")}
+    scene_graph, _ = draw_model(
+        builder,
+        path,
+        lambda plant: ChairPose(add_designed_chair(plant, scenario, empty)),
+        signals,
+    )
     if scenario.passenger.mass_kg > 0.0:
+        figure = MultibodyPlant(time_step=1.0)
         figure.RegisterAsSourceForSceneGraph(scene_graph)
         add_passenger(figure, scenario.passenger.passenger)
         draw(builder, figure, chair.GetOutputPort("passenger_pose"), scene_graph)
     publish(builder, scene_graph, meshcat, path)
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """A simulated chair and the handles that put it at its beginning.
-
-    Attributes:
-        plant: the plant.
-        drives: the twelve drives.
-        walk: the walk that it was built for.
-    """
-
-    plant: Plant
-    drives: VelocityServo
-    walk: Walk
-
-    def reset(self, root_context: Context, scenario: ChairScenario) -> None:
-        """Puts the chair where its walk begins and draws the drives' imperfections from the seed.
-
-        Args:
-            root_context: context, at its defaults, of the diagram that contains the station.
-            scenario: its `Beginning` is taken. What is built in, such as the walk and the
-                encoders' resolution, stays.
-        """
-        beginning = Beginning.from_scenario(scenario, self.walk)
-        self.drives.set_position(root_context, beginning.lengths.ravel())
-        self.drives.set_imperfection(root_context, beginning.gain, beginning.offset)
-        self.plant.stand(root_context, beginning)
-
-
-type PlantMaker = Callable[
-    [DiagramBuilder, ChairScenario, Beginning, VelocityServo, Meshcat | None], Plant
-]
-
-
 def add_simulated(
     add_plant: PlantMaker,
-    drive_step: float,
     builder: DiagramBuilder,
     scenario: ChairScenario,
     meshcat: Meshcat | None,
@@ -246,83 +214,65 @@ def add_simulated(
 
     Args:
         add_plant: adds the plant.
-        drive_step: step of the drives' model [s].
         builder: builder of the station.
         scenario: the scenario to build.
         meshcat: draws the machine there; None for no drawing.
     """
-    walk = scenario.walk
-    beginning = Beginning.from_scenario(scenario, walk)
-    servo = VelocityServo(
-        drive_params(scenario),
-        len(BRANCHES),
-        scenario.control.period,
-        drive_step,
-        position=beginning.lengths.ravel(),
-        gain=beginning.gain,
-        offset=beginning.offset,
-    )
-    drives = add(builder, servo, "drives")
+    begin = partial(Beginning.from_scenario, scenario.walk)
+    simulation = Simulation(builder, begin, scenario)
+    # Only samples of the statics count: twice as often as the command.
+    is_static = scenario.backend == "kinematic"
+    step = 0.5 * scenario.control.period if is_static else scenario.plant.time_step
+    beginning = simulation.beginning
+    drives = simulation.add_drives(make_drives(scenario, beginning, step), "legs", _put_drives)
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
-    per_newton = 1.0 / scenario.machine.drives.force_per_current
-    current = add(builder, MatrixGain(per_newton * np.eye(len(BRANCHES))), "motor_current")
-    connect(builder, plant.signals["force"], current.get_input_port())
-    inputs, outputs = ports_of_drives(drives, "velocity_command")
-    outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
-    outputs |= {f"truth.{name}": port for name, port in plant.signals.items()}
-    outputs["truth.position"] = drives.GetOutputPort("position")
-    simulation = Simulation(plant, drives, walk)
-    return Behind(inputs, outputs, simulation.reset, handle=simulation)
+    simulation.add_plant(plant)
+    per_current = scenario.machine.drives.force_per_current
+    simulation.add_current("legs", plant.signals["force"], per_current)
+    simulation.outputs["truth.position"] = drives.GetOutputPort("position")
+    return simulation.behind(PARTS)
 
 
-def add_bodies(
-    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the chair as rigid bodies with closed loops and contact, and its drives."""
-    step = scenario.plant.time_step
-    return add_simulated(_add_multibody_plant, step, builder, scenario, meshcat)
+def _put_drives(drives: VelocityServo, root_context: Context, beginning: Beginning) -> None:
+    drives.set_position(root_context, beginning.lengths.ravel())
+    drives.set_imperfection(root_context, beginning.gain, beginning.offset)
 
 
-def add_statics(
-    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None
-) -> Behind:
-    """Adds the chair as closed-form statics, and its drives."""
-    # Only samples of this plant count: twice as often as the command.
-    step = 0.5 * scenario.control.period
-    return add_simulated(_add_kinematic_plant, step, builder, scenario, meshcat)
+def make_drives(
+    scenario: ChairScenario, beginning: Beginning | None = None, step: float | None = None
+) -> VelocityServo:
+    """The twelve drives, with the stroke of each; exact ones without a beginning.
 
-
-def drive_params(scenario: ChairScenario) -> VelocityServoParams:
-    """Parameters of the twelve drives, with the stroke of each."""
+    Args:
+        scenario: its drives, period and strokes are taken.
+        beginning: where they begin, and their imperfections; None: they are at the beginning of
+            the walk, without lag, counts and errors.
+        step: step of their model [s]; None for the period.
+    """
     drives, strokes = scenario.machine.drives, scenario.machine.geometry.leg.strokes
-    return VelocityServoParams(
+    params = VelocityServoParams(
         resolution=1e-3 * drives.encoder_resolution_mm,
         time_constant=1e-3 * drives.time_constant_ms,
         max_velocity=1e-3 * drives.max_velocity_mm_s,
         stop_min=tuple(strokes[:, 0].tolist()) * LEG_COUNT,
         stop_max=tuple(strokes[:, 1].tolist()) * LEG_COUNT,
     )
+    count, period = len(BRANCHES), scenario.control.period
+    if beginning is None:
+        start = starting_lengths(scenario.machine.geometry, scenario.walk)
+        return VelocityServo(params.exact(), count, period, position=start.ravel())
+    return VelocityServo(
+        params,
+        count,
+        period,
+        step,
+        position=beginning.lengths.ravel(),
+        gain=beginning.gain,
+        offset=beginning.offset,
+    )
 
 
-def add_mock(
-    builder: DiagramBuilder, scenario: ChairScenario, meshcat: Meshcat | None = None
-) -> Behind:
-    """Adds what mirrors commands to measurements, exactly and without dynamics.
-
-    Branches move at their commanded velocities, within their stroke and their speed; the motors
-    draw no current. There are no `truth` ports: nothing is hidden. Its use: to try out a program
-    around the ports where neither a plant's nor the hardware's peculiarities matter.
-
-    Args:
-        builder: builder of the station.
-        scenario: its period, drives' limits and walk are taken.
-        meshcat: not used; there is nothing to draw.
-    """
-    exact = replace(drive_params(scenario), resolution=0.0, time_constant=1e-9)
-    start = starting_lengths(scenario.machine.geometry, scenario.walk).ravel()
-    servo = VelocityServo(exact, len(BRANCHES), scenario.control.period, position=start)
-    drives = add(builder, servo, "drives")
-    current = add(builder, ConstantVectorSource(np.zeros(len(BRANCHES))), "motor_current")
-    inputs, outputs = ports_of_drives(drives, "velocity_command")
-    outputs |= {"legs.current": current.get_output_port()} | add_status(builder, PARTS)
-    return Behind(inputs, outputs)
+def mirror(mock: Simulation[ChairScenario, ChairScenario], scenario: ChairScenario) -> Rest:
+    """Branches move at their commanded velocities; motors draw no current."""
+    mock.add_drives(make_drives(scenario), "legs")
+    return {}

@@ -44,7 +44,7 @@ class ChairTwin(Twin):
     def __init__(self, meshcat: Meshcat | None, scenario: ChairScenario, prefix: str = ""):
         """Draws nothing yet; see `Twin`."""
         super().__init__(meshcat, scenario, prefix)
-        beginning = Beginning.from_scenario(scenario, scenario.walk)
+        beginning = Beginning.from_scenario(scenario.walk, scenario)
         self._statics: dict[str, KinematicChair] = {}
         for drawing in _DRAWN:
             position = self.input(drawing, len(BRANCHES))
@@ -59,7 +59,7 @@ class ChairTwin(Twin):
     @classmethod
     def tracker(cls, scenario: ChairScenario) -> Tracker:
         """Counts the steps; see `Twin`."""
-        beginning = Beginning.from_scenario(scenario, scenario.walk)
+        beginning = Beginning.from_scenario(scenario.walk, scenario)
         return _Steps(scenario.machine.geometry, beginning.body)
 
     def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:

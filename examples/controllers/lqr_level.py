@@ -5,9 +5,9 @@ parapod run level --set control.controller=examples/controllers/lqr_level.py:mak
 
 import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 
-from parapod import add, connect_by_name, export_inputs, linearised
+from parapod import linearised, outputs_of, wired
 from parapod.systems.levelling_platform.inclination_loop import ForwardKinematics
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 
@@ -17,14 +17,9 @@ EXTENSION, INCLINATION, VOLTAGE = 1e-3, 0.1, 1.0
 
 def make(scenario, machine):
     """Makes the machine's own controller with other voltages."""
-    builder = DiagramBuilder()
-    ours, lqr = add(builder, machine.controller(scenario)), add(builder, Lqr(scenario))
-    outputs = connect_by_name(builder, [ours, lqr])
-    outputs["legs.voltage"] = outputs.pop("lqr_voltage")
-    export_inputs(builder, [ours, lqr])
-    for name, port in outputs.items():
-        builder.ExportOutput(port, name)
-    return builder.Build()
+    ours, lqr = machine.controller(scenario), Lqr(scenario)
+    systems = [(ours, {"legs.voltage": "usual_voltage"}), lqr]
+    return wired("controller", systems, outputs_of(ours))
 
 
 class Lqr(LeafSystem):
@@ -44,7 +39,7 @@ class Lqr(LeafSystem):
         self.signals = {name: self.DeclareVectorInputPort(name, n) for name, n in sizes.items()}
         self.DeclareDiscreteState(2)
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self.integrate)
-        self.DeclareVectorOutputPort("lqr_voltage", 4, self.calc_voltage)
+        self.DeclareVectorOutputPort("legs.voltage", 4, self.calc_voltage)
 
     def integrate(self, context, state):
         """Adds the errors of roll and pitch, once the ground is known."""

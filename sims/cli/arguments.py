@@ -302,7 +302,7 @@ def machine_of(experiment: "Experiment[Any, Any]", scenario: Any) -> "tuple[Mach
 
         text = f"'{experiment.name}' has no machine that can be emulated"
         with suppress(ParapodError):  # of another package, which has nothing to do with this
-            able = [m.experiment for m in list_machines() if m.experiment and m.emulated]
+            able = [m.experiment for m in list_machines() if m.experiment and m.real.exchange]
             text += f"; these have: {', '.join(able)}"
         raise UsageError(text)
     return machine, of_machine

@@ -45,7 +45,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from parapod.sims.real_machine.homing import home_part
 
     part = arguments.part
-    homing = machine.homings.get(part)
+    homing = machine.real.homings.get(part)
     if homing is not None and not arguments.yes:
         question = f"{part} will move. {machine.title.capitalize()}: {homing.prepare}?"
         if not agreed(question, "homing"):

@@ -267,7 +267,7 @@ def _open(described: Mapping[str, str]) -> tuple[Panel, Any]:
     served_at.set(described["host"])
     meshcat = experiment.scene(scenario)
     machine = experiment.machine
-    twin = machine.twin and machine.twin(meshcat, experiment.machine_scenario(scenario))
+    twin = machine.view.twin and machine.view.twin(meshcat, experiment.machine_scenario(scenario))
     return Panel(meshcat, described["title"], described["host"]), twin
 
 

@@ -138,7 +138,7 @@ def _shown_on(
     desk: Desk, experiment: LoopExperiment[Any, Any], loop: ClosedLoop[Any], root: Context
 ) -> Callable[[Context], None]:
     """Shows numbers and drawing ten times a second, at ticks of their own."""
-    readings = loop.readings(root, getattr(loop.machine.twin, "signals", ()))
+    readings = loop.readings(root, getattr(loop.machine.view.twin, "signals", ()))
     last = -LOOK_PERIOD
 
     def show(context: Context) -> None:

@@ -66,7 +66,7 @@ class DrawnLog:
         Raises:
             ParapodError: the machine has no drawing, or the log does not show its motion.
         """
-        twin = (drawing and drawing.twin) or machine.twin
+        twin = (drawing and drawing.twin) or machine.view.twin
         if twin is None:
             raise ParapodError(f"{machine.title} has no drawing")
         stand_ins = {**twin.stand_ins, **({} if drawing is None else drawing.stand_ins)}

@@ -61,9 +61,9 @@ def disturbable(machine: Machine[Any], parts: Sequence[str]) -> tuple[str, ...]:
         machine: the machine.
         parts: parts with a driver.
     """
-    more = [DRIVES] if machine.drives else []
-    more += [EMERGENCY_STOP, *([SUPPLY] if machine.cut else [])]
-    return (*parts, *more, *([SWITCHES] if machine.switches else []))
+    more = [DRIVES] if machine.real.drives else []
+    more += [EMERGENCY_STOP, *([SUPPLY] if machine.real.cut else [])]
+    return (*parts, *more, *([SWITCHES] if machine.real.switches else []))
 
 
 def kinds_of(part: str) -> tuple[str, ...]:

@@ -200,7 +200,7 @@ class EmulatedMachine:
             ScenarioError: no machine's, another backend, or an emulator runs already.
         """
         self.machine = machine = machine.for_scenario(scenario)
-        if scenario.backend not in machine.plants or machine.emulated is None:
+        if scenario.backend not in machine.plants or not machine.real.exchange:
             raise ScenarioError(
                 f"backend = '{scenario.backend}' cannot be behind emulated devices; "
                 f"there are: {', '.join(machine.plants)}",
@@ -209,11 +209,11 @@ class EmulatedMachine:
         self._scenario = scenario
         # With a longer step of the plant the exchange is rarer.
         step = 0.0 if scenario.backend == "kinematic" else scenario.plant.time_step
-        self.period = max(machine.exchange[scenario.backend], step)
+        self.period = max(machine.real.exchange[scenario.backend], step)
         self.lost = self.late = 0.0
         self._looks = itertools.count()
         self._look_every = max(1, round(_SWITCH_PERIOD / self.period))
-        self._station = Station(machine, machine.emulated(scenario, self.period))
+        self._station = Station(machine, machine.real.emulated(scenario, self.period))
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
         self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
@@ -305,10 +305,10 @@ class EmulatedMachine:
             if between is not None:
                 between(root)
             is_cut = self._is_pressed or self.circuits[SUPPLY].is_broken
-            cut = self.machine.cut if is_cut else {}
+            cut = self.machine.real.cut if is_cut else {}
             for name, port in inputs:
                 command = self.harness.get(name)
-                if name in self.machine.drives:
+                if name in self.machine.real.drives:
                     command = self._driven(command)
                 received = (cut[name],) * len(command) if name in cut else tuple(command)
                 # A value that is fixed anew has all that depends on it calculated anew.
@@ -352,11 +352,11 @@ class EmulatedMachine:
         self.harness.set(SUPPLY, [0.0 if self.circuits[SUPPLY].is_broken else 1.0])
         is_looking = next(self._looks) % self._look_every == 0
         for name, port in self._outputs:
-            if name in self.machine.switches and not is_looking:
+            if name in self.machine.real.switches and not is_looking:
                 continue
             is_button = name.endswith(f".{EMERGENCY_STOP}")
             value = pressed if is_button else np.asarray(port.Eval(self._context)).tolist()
-            if switches and name in self.machine.switches:
+            if switches and name in self.machine.real.switches:
                 value = [float(switches == CLOSED)] * len(value)
             self.harness.set(name, value)
 
@@ -376,11 +376,11 @@ class EmulatedMachine:
 
     def measured(self, root: Context) -> str:
         """The true state, as an instrument would show it beside the machine."""
-        if self.machine.instrument is None:
+        if self.machine.real.instrument is None:
             return f"nothing: there is no instrument for {self.machine.title}"
         names = [spec.name for spec in self.machine.truth]
         station = self._station
-        return self.machine.instrument(
+        return self.machine.real.instrument(
             {name: np.asarray(station.GetOutputPort(name).Eval(root)) for name in names}
         )
 

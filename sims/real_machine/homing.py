@@ -61,10 +61,10 @@ def home_part(
         DeviceError: a device is not there, is another one, or fails.
     """
     machine = machine.for_scenario(scenario)
-    if part not in machine.homings:
-        able = ", ".join(machine.homings) or "none"
+    if part not in machine.real.homings:
+        able = ", ".join(machine.real.homings) or "none"
         raise ScenarioError(f"part {quoted(part)} cannot be homed; those that can: {able}")
-    homing = machine.homings[part]
+    homing = machine.real.homings[part]
     drivers = machine.drivers(scenario)
     period = scenario.control.period
     parts = make_parts(drivers, machine.inputs, machine.measured, period)

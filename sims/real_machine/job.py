@@ -160,7 +160,7 @@ def run_on_hardware(
         loop.reset(root)
         simulator.Initialize()
         rehearse(loop, root)
-        guard = loop.machine.guard and loop.machine.guard(station.scenario)
+        guard = loop.machine.real.guard and loop.machine.real.guard(station.scenario)
         look = partial(ages_of, parts.all_threads, station.scenario.control.period)
         allow_old_measurements(loop, root, guard, look, say)
         guarded = end_by_guard(loop, root, guard)
@@ -207,7 +207,7 @@ def end_by_guard(
         root: its context, initialized.
         guard: the guard; None for a machine without one.
     """
-    if guard is None or loop.machine.guard is None:
+    if guard is None or loop.machine.real.guard is None:
         return lambda now: None
     idle = {spec.name: spec.idle for spec in loop.machine.inputs}
     commands = loop.readings(root, frozenset(idle))
@@ -216,7 +216,9 @@ def end_by_guard(
     signals = loop.readings(root, guard.signals)
     # What runs for the first time is slow: another guard does it, on a copy, and is forgotten.
     first = loop.readings(root.Clone(), guard.signals)
-    loop.machine.guard(loop.station.scenario).check(0.0, {n: read() for n, read in first.items()})
+    loop.machine.real.guard(loop.station.scenario).check(
+        0.0, {n: read() for n, read in first.items()}
+    )
 
     def check(now: float) -> None:
         nonlocal has_acted

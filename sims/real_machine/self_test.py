@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.devices import make_parts
 from parapod.diagrams.drivers.driver import time_of
-from parapod.diagrams.machine import Machine, SelfTest
+from parapod.diagrams.machine import Machine
+from parapod.diagrams.real import SelfTest
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import STANDARD_GRAVITY
@@ -141,10 +142,10 @@ class _CheckedMove:
 def _checked(
     machine: Machine[Any], part: str, move: Move, threads: Sequence[DeviceThread]
 ) -> _CheckedMove:
-    if part not in machine.self_tests:
-        able = ", ".join(machine.self_tests)
+    if part not in machine.real.self_tests:
+        able = ", ".join(machine.real.self_tests)
         raise ScenarioError(f"part {quoted(part)} cannot be moved; {able} can")
-    motion = machine.self_tests[part]
+    motion = machine.real.self_tests[part]
     command = motion.usual if move.command is None else move.command
     sizes = [
         t.device.commands[motion.command] for t in threads if motion.command in t.device.commands

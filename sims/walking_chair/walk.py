@@ -23,10 +23,11 @@ from pydrake.systems.framework import Context
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.simulated import Simulation
 from parapod.diagrams.style import BOUND, COLOURS
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
-from parapod.diagrams.walking_chair.plants import Simulation
+from parapod.diagrams.walking_chair.plants import ChairPlant
 from parapod.diagrams.walking_chair.scenario import BODIES, SIMULATED, ChairScenario
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -506,7 +507,9 @@ class LiveChair(Live):
         gait.way, gait.cycles = "forward and back", max(gait.cycles, 2)
         loop = ClosedLoop(CHAIR, self._scenario, meshcat=panel.meshcat, log=())
         super().__init__(panel, loop, read_out)
-        self._plant = loop.station.behind.handle_as(Simulation).plant
+        plant = loop.station.behind.handle_as(Simulation).plant
+        assert isinstance(plant, ChairPlant)
+        self._plant = plant
         self._seated: Passenger | None = None
 
     def begin(self) -> None:

@@ -1,7 +1,7 @@
 """Drives that follow a velocity: motor, gear, encoder and positioning controller."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,10 @@ class VelocityServoParams:
     acceleration: float = math.inf
     stop_min: float | tuple[float, ...] = -math.inf
     stop_max: float | tuple[float, ...] = math.inf
+
+    def exact(self) -> "VelocityServoParams":
+        """The same without counts and without lag."""
+        return replace(self, resolution=0.0, time_constant=1e-9)
 
 
 def _each(value: ArrayLike, channels: int) -> NDArray[np.float64]:

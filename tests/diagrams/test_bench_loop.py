@@ -12,7 +12,7 @@ from parapod.diagrams.terrain_simulator.controller import make_controller
 from parapod.diagrams.terrain_simulator.design import BenchDesign, CellsScenario
 from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
-from parapod.diagrams.terrain_simulator.plants import slider_params
+from parapod.diagrams.terrain_simulator.plants import make_sliders
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchControlScenario,
     GaitScenario,
@@ -298,7 +298,7 @@ def test_a_leg_that_nothing_drives_may_be_sampled_as_slowly_as_the_drives():
 
 def test_drives_are_no_faster_than_the_scenario_has_them():
     machine = driven(max_velocity_m_s=1.2, max_acceleration_m_s2=40.0)
-    params = slider_params(replace(STEP, machine=machine))
+    params = make_sliders(replace(STEP, machine=machine)).params
     assert params.max_velocity == 1.2
     # A little more, so that an acceleration that is met exactly passes.
     assert 40.0 < params.acceleration < 41.0

@@ -27,7 +27,7 @@ CLOSED = 20e-6  # [m]
 def walked(scenario, duration):
     """Recording, and largest gap of the leg's loops [m] at a step of 1 ms."""
     loop = ClosedLoop(TERRAIN_BENCH, scenario)
-    leg, plant = scenario.leg.under_test, loop.station.behind.handle.parts["plant"]
+    leg, plant = scenario.leg.under_test, loop.station.behind.handle.plant.model.plant
     simulator, gaps = Simulator(loop), []
     loop.reset(simulator.get_mutable_context())
 
@@ -124,7 +124,7 @@ def test_a_loop_that_is_opened_is_told_by_how_much():
     """A screw of a UPS branch that turns without the rest opens the loop of its branch alone."""
     scenario = chair_leg_scenario()
     loop = ClosedLoop(TERRAIN_BENCH, scenario, log=())
-    plant = loop.station.behind.handle.parts["plant"]
+    plant = loop.station.behind.handle.plant.model.plant
     root = loop.CreateDefaultContext()
     loop.reset(root)
     context, leg = plant.GetMyContextFromRoot(root), scenario.leg.under_test
@@ -158,7 +158,7 @@ def test_the_leg_of_the_bench_is_that_of_the_chair():
     scenario = chair_leg_scenario()
     leg, walk = scenario.leg.under_test, scenario.walk
     loop = ClosedLoop(TERRAIN_BENCH, scenario, log=())
-    plant = loop.station.behind.handle.parts["plant"]
+    plant = loop.station.behind.handle.plant.model.plant
     instance = plant.GetModelInstanceByName("leg")
     context = plant.GetMyContextFromRoot(loop.CreateDefaultContext())
     assert plant.CalcTotalMass(context, [instance]) == pytest.approx(leg.mass)

@@ -183,5 +183,5 @@ def test_the_guard_judges_corrected_extensions():
 
 def test_an_instrument_reads_what_the_tracker_of_the_paper_resolves():
     posture = np.array([*np.radians([1.234, -0.567]), 0.45512])
-    told = PLATFORM.instrument({"truth.posture": posture})
+    told = PLATFORM.real.instrument({"truth.posture": posture})
     assert told == "height 455.10 mm, roll 1.23 deg, pitch -0.57 deg"

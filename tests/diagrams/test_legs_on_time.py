@@ -28,8 +28,9 @@ def test_moving_legs_trail_their_actuators_by_no_step(make_machine, leg_model, v
     machine = make_machine(LevellingScenario(plant=plant))
     machine.set("legs.voltage", voltage)
     machine.run(0.3)
-    handle, root = machine.station.behind.handle, machine.context
-    model, actuators = handle.model, handle.actuators
+    station, root = machine.station, machine.context
+    model = station.behind.handle.plant.model
+    actuators = station.GetSubsystemByName("linear_actuator")
     context = model.plant.GetMyContextFromRoot(root)
     extension, velocity = (
         actuators.GetOutputPort(name).Eval(actuators.GetMyContextFromRoot(root))

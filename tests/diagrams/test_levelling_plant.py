@@ -110,7 +110,7 @@ class Standing:
 
     def __init__(self, machine):
         self.ground = machine.station.scenario.ground.inclination
-        self.model, self.read = machine.station.behind.handle.model, machine.read
+        self.model, self.read = machine.station.behind.handle.plant.model, machine.read
         machine.run(STOOD)
 
     def leg_weights(self, extension):

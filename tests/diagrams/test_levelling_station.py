@@ -55,7 +55,7 @@ def parameter(machine, system):
 
 def joints(machine, *names):
     """Angles and rates of the multibody plant's joints."""
-    plant = machine.station.behind.handle.model.plant
+    plant = machine.station.behind.handle.plant.model.plant
     context = plant.GetMyContextFromRoot(machine.context)
     found = [plant.GetJointByName(name) for name in names]
     return np.array([(j.get_angle(context), j.get_angular_rate(context)) for j in found]).T

@@ -81,7 +81,7 @@ def test_the_usual_plots_of_a_machine_have_one_colour_a_role(machine):
     signals = {port.name: port.size or 6 for port in machine.table.values()}
     there = Signals(machine.title, signals, {name: machine.unit(name) for name in signals})
     of_roles = {ASKED: BLUE, MEASURED: ORANGE, TRUE: GREEN}
-    for made in choose(there, [p for p in machine.plots if "[" in p], {}):
+    for made in choose(there, [p for p in machine.view.plots if "[" in p], {}):
         roles = [role_of(curve.signal) for curve in made.curves]
         if len(set(roles)) == len(roles):
             assert made.colours == tuple(of_roles[role] for role in roles)

@@ -75,7 +75,7 @@ def test_a_closed_loop_records_every_port_with_its_unit(machine, backend):
     simulator.AdvanceTo(0.05)
     recording = loop.recording(simulator.get_context())
     assert set(recording) == set(loop.ports)
-    period = machine.scenario().control.period * machine.log_every
+    period = machine.scenario().control.period * machine.view.log_every
     assert np.allclose(np.diff(recording.time), period)
     for name, samples in recording.signals.items():
         assert recording.units[name].strip()
@@ -154,7 +154,7 @@ def test_a_loop_is_freed_when_nothing_refers_to_it(machine):
 def test_self_tests_move_parts_that_the_machine_has(machine):
     inputs = {port.name for port in machine.inputs}
     measured = {port.name for port in machine.measured}
-    for part, move in machine.self_tests.items():
+    for part, move in machine.real.self_tests.items():
         names = {name if "." in name else f"{part}.{name}" for name in (move.command, *move.rest)}
         assert names <= inputs
         assert f"{part}.{move.measures}" in measured
@@ -165,8 +165,8 @@ def test_self_tests_move_parts_that_the_machine_has(machine):
 def test_a_pressed_emergency_stop_closes_every_brake_and_drives_nothing(machine):
     inputs = {port.name for port in machine.inputs}
     brakes = {name for name in inputs if name.endswith((".brake", ".stop"))}
-    assert brakes <= machine.cut.keys() <= inputs
-    assert machine.cut == {name: float(name in brakes) for name in machine.cut}
+    assert brakes <= machine.real.cut.keys() <= inputs
+    assert machine.real.cut == {name: float(name in brakes) for name in machine.real.cut}
 
 
 @each_machine
@@ -181,9 +181,9 @@ def test_its_default_drivers_make_the_machine(machine):
 @each_machine
 def test_an_emulated_scenario_has_the_period_of_the_exchange(machine):
     scenario = machine.scenario(backend="kinematic")
-    assert machine.emulated(scenario, 0.004).control.period == 0.004
+    assert machine.real.emulated(scenario, 0.004).control.period == 0.004
     assert scenario == machine.scenario(backend="kinematic")
-    assert set(machine.exchange) == set(machine.plants)
+    assert set(machine.real.exchange) == set(machine.plants)
 
 
 @each_machine
@@ -249,7 +249,7 @@ def test_an_unknown_backend_is_refused_with_those_that_there_are(machine):
 @pytest.mark.parametrize("fault", ["missing", "unknown", "size"])
 def test_a_backend_whose_ports_are_not_the_tables_is_refused_by_name(machine, fault):
     def spoilt(builder, scenario, meshcat):
-        behind = machine.mock(builder, scenario, meshcat)
+        behind = machine.plants["kinematic"](builder, scenario, meshcat)
         outputs, name = dict(behind.outputs), machine.outputs[0].name
         if fault == "missing":
             del outputs[name]
@@ -262,7 +262,9 @@ def test_a_backend_whose_ports_are_not_the_tables_is_refused_by_name(machine, fa
 
     name = "rudder.angle" if fault == "unknown" else machine.outputs[0].name
     with pytest.raises(WiringError, match=rf"'{re.escape(name)}'"):
-        Station(replace(machine, mock=spoilt), machine.scenario(backend="mock"))
+        Station(
+            replace(machine, plants={"kinematic": spoilt}), machine.scenario(backend="kinematic")
+        )
 
 
 @each_machine

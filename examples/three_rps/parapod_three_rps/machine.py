@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 from parapod import Behind, FunctionSystem, In, Inner, Machine, MachineScenario, Out, Schema, Truth
-from parapod import add, connect, named_source, quantity
+from parapod import add, connect, named_source, quantity, wired
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
 from parapod.systems.sensors.encoder import Encoder
@@ -107,19 +107,24 @@ def legs_of(state):
     return np.concatenate([inverse(GEOMETRY, pose), jacobian(GEOMETRY, pose) @ rates])
 
 
+# Signals by the names of ports inside the controller.
+SIGNALS = {
+    "desired_state": "length_desired_state",
+    "measured": "legs.length",
+    "voltage": "legs.voltage",
+}
+
+
 def make_controller(scenario: Scenario):
     """Inverse kinematics and a PI controller a leg."""
-    builder = DiagramBuilder()
-    function = FunctionSystem({"pose_desired_state": 6}, {"length_desired_state": (6, legs_of)})
-    feedforward = add(builder, function, "feedforward")
+    outputs = {"length_desired_state": (6, legs_of)}
     params = PiControllerParams(rate_feedforward=1.0, friction_feedforward=(0.05, 0.05))
-    pi = add(builder, PiController(params, channels=3, period=scenario.control.period))
-    connect(builder, feedforward.get_output_port(), pi.GetInputPort("desired_state"))
-    builder.ExportInput(feedforward.get_input_port(), "pose_desired_state")
-    builder.ExportInput(pi.GetInputPort("measured"), "legs.length")
-    builder.ExportOutput(pi.GetOutputPort("voltage"), "legs.voltage")
-    builder.ExportOutput(feedforward.get_output_port(), "length_desired_state")
-    return builder.Build()
+    systems = [
+        FunctionSystem({"pose_desired_state": 6}, outputs),
+        PiController(params, channels=3, period=scenario.control.period),
+    ]
+    shown = ["legs.voltage", "length_desired_state"]
+    return wired("controller", systems, shown, SIGNALS, skip=["enable"])
 
 
 def make_sources(scenario: Scenario):

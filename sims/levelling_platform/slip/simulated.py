@@ -12,11 +12,11 @@ from pydrake.systems.primitives import TrajectorySource
 
 from parapod.diagrams.levelling_platform.controller import pi_params
 from parapod.diagrams.levelling_platform.machine import PLATFORM
-from parapod.diagrams.levelling_platform.plants import Simulation
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
 )
+from parapod.diagrams.simulated import Simulation
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import add, connect
 from parapod.sims.lab.runner import Runner
@@ -150,7 +150,7 @@ def _monitor(
     station: Station[LevellingScenario], normal: NDArray[np.float64], rows: list[tuple[Any, ...]]
 ) -> Callable[[Context], EventStatus]:
     """Appends a recording's columns but for the normal, once per `_PERIOD`."""
-    model = station.behind.handle_as(Simulation).model
+    model = station.behind.handle_as(Simulation).plant.model
     assert model is not None
     rollers = model.leg_bodies("roller")
     below = model.geometry.foot_radius * normal

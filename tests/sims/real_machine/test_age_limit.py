@@ -62,11 +62,11 @@ def test_the_oldest_device_counts_and_one_that_is_at_fault_or_measures_nothing_d
 def job(request):
     """The loop of a machine's real job, its context, and a fresh guard."""
     machine = request.param
-    if "hardware" not in machine.backends or machine.guard is None:
+    if "hardware" not in machine.backends or machine.real.guard is None:
         pytest.skip("it has no real jobs")
     scenario = machine.scenario(backend="hardware")
     loop = ClosedLoop(machine, scenario)
-    return loop, loop.CreateDefaultContext(), lambda: machine.guard(scenario)
+    return loop, loop.CreateDefaultContext(), lambda: machine.real.guard(scenario)
 
 
 def limits_after(job, *seen):
