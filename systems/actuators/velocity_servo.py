@@ -47,8 +47,8 @@ class VelocityServoParams:
     stop_max: float | tuple[float, ...] = math.inf
 
     def exact(self) -> "VelocityServoParams":
-        """The same without counts and without lag."""
-        return replace(self, resolution=0.0, time_constant=1e-9)
+        """The same without counts, without lag and with any acceleration."""
+        return replace(self, resolution=0.0, time_constant=1e-9, acceleration=math.inf)
 
 
 def _each(value: ArrayLike, channels: int) -> NDArray[np.float64]:

@@ -266,7 +266,7 @@ def test_heights_before_there_is_a_ground_are_not_known():
 
 def test_what_stands_behind_the_ports_is_told_by_its_kind():
     behind = Station(PLATFORM, LevellingScenario(backend="mock")).behind
-    with pytest.raises(WiringError, match="this backend has no handle, not Parts, behind"):
+    with pytest.raises(WiringError, match="this backend has Simulation, not Parts, behind"):
         behind.handle_as(Parts)
     parts = Parts({})
     with pytest.raises(WiringError, match="this backend has Parts, not Station, behind"):
