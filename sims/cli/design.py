@@ -160,7 +160,7 @@ def _write_machine(result: "SearchResult", design: "Design", path: Path) -> None
 
 
 def _simulate(experiment: Any, result: "SearchResult", design: "Design") -> int:
-    """Runs a design with rigid bodies where its sheet says how, or at its usual job."""
+    """Runs a design where its sheet says how, or at its usual job; with rigid bodies if it can."""
     from rich.console import Console
     from rich.text import Text
 
@@ -169,7 +169,8 @@ def _simulate(experiment: Any, result: "SearchResult", design: "Design") -> int:
 
     sheet = result.sheet(design)
     demonstrations = [each for each in sheet.demonstrations() if each.entry in result.search.names]
-    settings = {"backend": "multibody"}
+    has_bodies = "multibody" in experiment.machine.plants
+    settings = {"backend": "multibody"} if has_bodies else {}
     for each in demonstrations:
         settings |= each.settings
     console = Console()
@@ -177,9 +178,10 @@ def _simulate(experiment: Any, result: "SearchResult", design: "Design") -> int:
     outcome = experiment.execute(scenario, RunOptions(console=Console(stderr=True)))
     print_table(outcome, console)
     words = "all bounds held" if outcome.passed else "bounds broken"
+    how = "rigid bodies" if has_bodies else "simulated"
     for each in demonstrations:
         predicted = sheet.value(each.entry)
         console.print(
-            Text(f"{each.entry}: predicted {predicted:.4g}; rigid bodies {each.words}: {words}")
+            Text(f"{each.entry}: predicted {predicted:.4g}; {how} {each.words}: {words}")
         )
     return HELD if outcome.passed else BROKEN

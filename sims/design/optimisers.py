@@ -14,9 +14,9 @@ from parapod.systems.core.extras import need
 
 type Array = NDArray[np.float64]
 
-# Score of a design that breaks a constraint, and the largest one that NSGA-II is told: above those
-# of all that hold.
-_BROKEN, _LARGEST = 1e100, 1e30
+# Scores of a design that breaks a constraint, and of one that is refused; the largest number that
+# NSGA-II is told: above those of all that hold.
+_BROKEN, _REFUSED, _LARGEST = 1e100, 1e300, 1e30
 
 
 def minimise(
@@ -56,10 +56,11 @@ def _evolve(
         scores = objectives[:, 0]
         broken = violations > 0.0
         scores[broken] = _BROKEN * (1.0 + violations[broken])
-        return scores
+        # SciPy works out a first generation anew while all of it is infinite.
+        return np.nan_to_num(scores, posinf=_REFUSED)
 
     with warnings.catch_warnings():
-        # Of designs that are all refused, and of infinite scores.
+        # Of designs that are all refused.
         warnings.simplefilter("ignore")
         differential_evolution(
             score,
@@ -69,7 +70,7 @@ def _evolve(
             vectorized=True,
             updating="deferred",
             polish=False,
-            tol=0.0,
+            tol=-1.0,  # to the last generation
             rng=seed,
         )
 

@@ -1,10 +1,7 @@
 """The machine that the documents build: installed and run as a package of its own."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -20,29 +17,9 @@ def sources():
 
 
 @pytest.fixture(scope="module")
-def command(tmp_path_factory):
-    """Runs the command with the package installed beside parapod; nothing else is changed."""
-    target = tmp_path_factory.mktemp("installed")
-    copy = tmp_path_factory.mktemp("source") / "three_rps"
-    for path in sources():
-        place = copy / path.relative_to(PACKAGE)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
-    install = ["install", "--quiet", "--no-deps", "--no-build-isolation", "--target", target, copy]
-    subprocess.run([sys.executable, "-m", "pip", *map(str, install)], check=True)
-
-    def run(*arguments, program=None):
-        how = ["-m", "parapod.sims"] if program is None else ["-c", program]
-        return subprocess.run(
-            [sys.executable, *how, *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            env=os.environ | {"PYTHONPATH": str(target)},
-            cwd=target,
-            check=False,
-        )
-
-    return run
+def command(command_with):
+    """Runs the command with the package installed."""
+    return command_with("three_rps")
 
 
 def test_every_listing_of_the_page_is_a_piece_of_the_package():

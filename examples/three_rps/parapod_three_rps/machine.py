@@ -108,11 +108,8 @@ def legs_of(state):
 
 
 # Signals by the names of ports inside the controller.
-SIGNALS = {
-    "desired_state": "length_desired_state",
-    "measured": "legs.length",
-    "voltage": "legs.voltage",
-}
+SIGNALS = {"measured": "legs.length", "desired_state": "length_desired_state"}
+SIGNALS |= {"voltage": "legs.voltage"}
 
 
 def make_controller(scenario: Scenario):
