@@ -47,10 +47,10 @@ def is_published(machine: Any) -> bool:
     usual = _published(machine)
     if any(getattr(part, "urdf", "") for _, part, _ in _parts(machine, usual, "machine")):
         return False
-    told = [name for name in ("geometry", "bodies") if name in dir(machine)]
-    if not told:  # a kind of one's own, without the bodies of parapod's
+    names = [name for name in ("geometry", "bodies") if name in dir(machine)]
+    if not names:  # a kind of one's own, without the bodies of parapod's
         return bool(machine == usual)
-    return all(getattr(machine, name) == getattr(usual, name) for name in told)
+    return all(getattr(machine, name) == getattr(usual, name) for name in names)
 
 
 def _published(machine: Any) -> Any:

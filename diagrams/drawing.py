@@ -84,7 +84,7 @@ def draw_model(
         path: path of the drawing in the scene.
         add_model: adds the model to a plant and finalizes it; returns a system that makes the
             positions of its joints.
-        signals: what that system takes, by the names of its ports.
+        signals: signals that this system takes, by the names of its ports.
 
     Returns:
         The scene graph, which is left to publish, and the positions of the joints.

@@ -85,8 +85,8 @@ class Machine[S]:
         controller: makes its own controller of a scenario; see `controller_of`.
         sources: makes the systems that command the controller and the machine beside it.
         experiment: experiment whose scenario is used where only the machine is named.
-        real: what a real one needs beside its drivers, and what stands in for it.
-        view: how it is looked at.
+        real: parts of a real one beside its drivers, and settings of its emulation.
+        view: drawing and plots by which it is looked at.
         limits: makes, of a scenario, the smallest and the largest admissible value of signals in
             their units, beside those that ports declare: a number for all elements, or one for
             each; None: there is none.

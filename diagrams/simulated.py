@@ -22,7 +22,7 @@ type Rest = Mapping[str, ArrayLike]
 
 @dataclass(frozen=True)
 class Plant[B]:
-    """What drives move: bodies, or closed forms in their place.
+    """Bodies that drives move, or closed forms in their place.
 
     Attributes:
         signals: its ports by name.
@@ -154,7 +154,7 @@ class Simulation[S, B]:
     def behind(
         self, parts: Sequence[str], periods: Sequence[float] = (), delays: Sequence[float] = ()
     ) -> Behind:
-        """What stands behind the station's ports; adds `status.*` of parts that never fail.
+        """The backend behind the ports; adds `status.*` of parts that never fail.
 
         Args:
             parts: the machine's parts.

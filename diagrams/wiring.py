@@ -96,14 +96,14 @@ def connect_by_name(
     for system in systems:
         for name, port in outputs_of(system).items():
             _put(outputs, name, port)
-    shown: dict[str, OutputPort] = {}
+    seen_ports: dict[str, OutputPort] = {}
     for system in systems:
         for name, sink in inputs_of(system).items():
             if name not in outputs or name in skip or builder.IsConnectedOrExported(sink):
                 continue
-            if name not in shown:
-                shown[name] = through(name, outputs[name])
-            _connect_signal(builder, name, shown[name], sink)
+            if name not in seen_ports:
+                seen_ports[name] = through(name, outputs[name])
+            _connect_signal(builder, name, seen_ports[name], sink)
     return outputs
 
 
@@ -148,11 +148,11 @@ def wired(
         elif signal not in skip:
             builder.ExportInput(sink, signal)
             exported.add(signal)
-    shown = outputs if isinstance(outputs, Mapping) else {signal: signal for signal in outputs}
-    for output, signal in shown.items():
+    signals_by_output = outputs if isinstance(outputs, Mapping) else {s: s for s in outputs}
+    for output, signal in signals_by_output.items():
         if signal not in sources:
-            known = ", ".join(sorted(sources))
-            raise WiringError(f"no system has the output '{signal}'; there are: {known}")
+            all_names = ", ".join(sorted(sources))
+            raise WiringError(f"no system has the output '{signal}'; there are: {all_names}")
         builder.ExportOutput(sources[signal], output)
     return named(name, builder.Build())
 

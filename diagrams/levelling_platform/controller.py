@@ -273,5 +273,5 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
         (named("arm_command_parts", Demultiplexer(2)), {"u0": "arm_command", **arm}),
     ]
     unused = () if is_operated else ("jog_request", "operator_age")
-    shown = (*_SHOWN, *_SUPERVISED_SHOWN)
-    return wired("controller", systems, shown, names | _SUPERVISED, unused)
+    outputs = (*_SHOWN, *_SUPERVISED_SHOWN)
+    return wired("controller", systems, outputs, names | _SUPERVISED, unused)

@@ -38,7 +38,7 @@ def make_leg_controller(
     """
     control, enabled = scenario.control, {"enable": "legs_enable"}
     measuring, names = measuring_systems(control)
-    shown = ["legs.voltage", "extension_desired_state", "legs_arrived", "attitude_estimated"]
+    outputs = ["legs.voltage", "extension_desired_state", "legs_arrived", "attitude_estimated"]
     eased, voltage = dict(enabled), dict(enabled)
     more: list[Wired] = []
     if keeps_contact:
@@ -50,7 +50,7 @@ def make_leg_controller(
             "standing": "feet_standing",
         }
         more.append((ContactKeeper(period=control.period), trims))
-        shown.append("feet_standing")
+        outputs.append("feet_standing")
     if has_voltage:
         voltage["voltage"] = "voltage_controlled"
         total = {"u0": "voltage_controlled", "u1": "voltage_request", "sum": "legs.voltage"}
@@ -61,4 +61,4 @@ def make_leg_controller(
         (PiController(pi_params(scenario), period=control.period), voltage),
         *more,
     ]
-    return wired("controller", systems, shown, names)
+    return wired("controller", systems, outputs, names)

@@ -364,12 +364,12 @@ def add_simulated(
     arm = add(builder, Multiplexer(2), "arm_command")
     for i, part in enumerate(("turntable", "arm")):
         simulation.inputs[f"{part}.position_command"] = arm.get_input_port(i)
-    led = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
-    connect(builder, arm.get_output_port(), led.get_input_port())
+    arm_drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
+    connect(builder, arm.get_output_port(), arm_drive.get_input_port())
     drives = Drives(
         rods=actuators,
         wheels=wheels.GetOutputPort("state"),
-        arm=led.get_output_port(),
+        arm=arm_drive.get_output_port(),
         arm_angles=arm.get_output_port(),
     )
     plant = add_plant(builder, scenario, beginning, drives, meshcat)

@@ -245,7 +245,7 @@ def make_drives(
 
     Args:
         scenario: its legs and period are taken.
-        beginning: where they begin.
+        beginning: beginning at which they are.
         step: step of their model [s]; None: they have neither lag nor counts nor errors.
     """
     legs, geometry = scenario.machine.legs, scenario.machine.geometry

@@ -118,8 +118,8 @@ def add_bodies(
     stand = _Stand(model, on_slide, leg)
     stand.set_default(scenario.walk)
     sliders = simulation.add_drives(make_sliders(scenario), "sliders", _put_sliders)
-    led = plant.get_desired_state_input_port(model.rail)
-    connect(builder, sliders.GetOutputPort("next_state"), led)
+    of_rail = plant.get_desired_state_input_port(model.rail)
+    connect(builder, sliders.GetOutputPort("next_state"), of_rail)
     sampled = add(builder, ZeroOrderHold(period, 3), "slider_force")
     connect(builder, plant.get_net_actuation_output_port(model.rail), sampled.get_input_port())
     column = ConstantVectorSource(np.array((scenario.walk.hip[0], 0.0)))
@@ -348,8 +348,8 @@ def add_kinematics(
     if meshcat is not None:
         hip = add(builder, ConstantVectorSource(np.array(scenario.walk.hip)), "hip_drawn")
         outputs = simulation.outputs
-        drawn = (outputs["truth.pose"], hip.get_output_port(), outputs["leg.position"])
-        add_drawing(builder, scenario, drawn, meshcat)
+        signals = (outputs["truth.pose"], hip.get_output_port(), outputs["leg.position"])
+        add_drawing(builder, scenario, signals, meshcat)
     return simulation.behind(PARTS)
 
 

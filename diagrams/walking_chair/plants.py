@@ -245,7 +245,7 @@ def make_drives(
 
     Args:
         scenario: its drives, period and strokes are taken.
-        beginning: where they begin, and their imperfections; None: they are at the beginning of
+        beginning: their lengths and imperfections; None: they are at the beginning of
             the walk, without lag, counts and errors.
         step: step of their model [s]; None for the period.
     """

@@ -98,7 +98,7 @@ ORTHOGLIDE = Machine(
     scenario=Scenario,
     ports=(
         In("drives.position_command", 3, "m", "positions of the drives to take", is_sampled=True),
-        In("drives.brake", 1, "0/1", "whether the drives are held"),
+        In("drives.brake", 1, "0/1", "1 while the drives are held"),
         Out("drives.position", 3, "m", "encoders: positions of the drives"),
         Out("drives.velocity", 3, "m/s", "encoders: velocities of the drives"),
         Truth("place", 3, "m", "place of the tool"),

@@ -114,14 +114,14 @@ SIGNALS |= {"voltage": "legs.voltage"}
 
 def make_controller(scenario: Scenario):
     """Inverse kinematics and a PI controller a leg."""
-    outputs = {"length_desired_state": (6, legs_of)}
+    lengths = {"length_desired_state": (6, legs_of)}
     params = PiControllerParams(rate_feedforward=1.0, friction_feedforward=(0.05, 0.05))
     systems = [
-        FunctionSystem({"pose_desired_state": 6}, outputs),
+        FunctionSystem({"pose_desired_state": 6}, lengths),
         PiController(params, channels=3, period=scenario.control.period),
     ]
-    shown = ["legs.voltage", "length_desired_state"]
-    return wired("controller", systems, shown, SIGNALS, skip=["enable"])
+    outputs = ["legs.voltage", "length_desired_state"]
+    return wired("controller", systems, outputs, SIGNALS, skip=["enable"])
 
 
 def make_sources(scenario: Scenario):
