@@ -29,6 +29,7 @@ from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import progress
 from parapod.sims.output.scene_page import write_page
+from parapod.systems.core.controls import shown
 from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError, WiringError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.quoting import quoted_path
@@ -421,18 +422,12 @@ class Live:
 
     def go_on(self) -> str:
         """Goes on in real time until a person clicks "Restart" or "End"; returns which."""
-        for name in (RESTART, END):
-            self.panel.AddButton(name)
-        try:
-            with in_real_time(self.simulator):
-                while True:
-                    self.advance()
-                    for name in (END, RESTART):
-                        if self.panel.GetButtonClicks(name):
-                            return name
-        finally:
-            for name in (RESTART, END):
-                self.panel.DeleteButton(name, strict=False)
+        with shown(self.panel, buttons=(RESTART, END)), in_real_time(self.simulator):
+            while True:
+                self.advance()
+                for name in (END, RESTART):
+                    if self.panel.GetButtonClicks(name):
+                        return name
 
 
 def stay_live(panel: Panel, live: Callable[[], str], console: Console, advice: str) -> None:

@@ -17,12 +17,13 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.runner import Live
 from parapod.sims.levelling_platform.levelling import read_posture
+from parapod.systems.core.controls import Controls
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
 from parapod.systems.core.ports import value_of
 from parapod.systems.levelling_platform.fault_detection import RULES
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import describe_range
-from parapod.systems.levelling_platform.sliders import Controls, OperatorControls
+from parapod.systems.levelling_platform.sliders import OperatorControls
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
 from parapod.systems.levelling_platform.supervisor import (
     TRANSITIONS,

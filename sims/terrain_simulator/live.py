@@ -14,6 +14,7 @@ from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.run import ReadOut
 from parapod.sims.lab.runner import END, RESTART, Live, in_real_time
 from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
+from parapod.systems.core.controls import shown
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.terrain_simulator.operator import BenchControls
 
@@ -67,20 +68,11 @@ class LiveBench:
 
     def work(self) -> str:
         """Obeys in real time until a person clicks a button; returns which."""
-        panel = self._panel
-        panel.AddSlider(_SPEED, 10.0, _FASTEST, 5.0, 100.0)
-        for name in (*self._terrains, RESTART, END):
-            panel.AddButton(name)
-        try:
-            while True:
-                clicked = self._stand()
-                if clicked in (RESTART, END):
-                    return clicked
+        speed = (_SPEED, 10.0, _FASTEST, 5.0, 100.0)
+        with shown(self._panel, [speed], (*self._terrains, RESTART, END)):
+            while (clicked := self._stand()) not in (RESTART, END):
                 self._walk(clicked)
-        finally:
-            panel.DeleteSlider(_SPEED, strict=False)
-            for name in (*self._terrains, RESTART, END):
-                panel.DeleteButton(name, strict=False)
+            return clicked
 
     def walk_of(self, terrain: str, percent: float) -> TerrainBenchScenario:
         """The scenario of a walk over a terrain at a share of its usual speed [%]."""

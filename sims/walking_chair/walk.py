@@ -12,7 +12,7 @@ passenger by the currents within .3 kg and 4 mm. Contact must be stiff: with a p
 import copy
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +35,7 @@ from parapod.sims.lab.run import ReadOut, Run, realtime_metric
 from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer, stay_live
 from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
+from parapod.systems.core.controls import shown
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
@@ -543,15 +544,9 @@ class LiveChair(Live):
         with self.sliders():
             return self.go_on()
 
-    @contextmanager
-    def sliders(self) -> Iterator[None]:
+    def sliders(self) -> AbstractContextManager[None]:
         """Shows the sliders while it lasts."""
         seat = self._scenario.passenger
         values = (min(max(seat.mass_kg, _SLIDERS[0][1]), _SLIDERS[0][2]), seat.x_mm, seat.y_mm)
-        for (name, low, high, step), value in zip(_SLIDERS, values, strict=True):
-            self.panel.AddSlider(name, low, high, step, value)
-        try:
-            yield
-        finally:
-            for name, *_ in _SLIDERS:
-                self.panel.DeleteSlider(name, strict=False)
+        pairs = zip(_SLIDERS, values, strict=True)
+        return shown(self.panel, [(*slider, value) for slider, value in pairs])

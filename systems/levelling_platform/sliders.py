@@ -1,41 +1,20 @@
 """Commands that a person gives in the browser: postures, and the whole operation."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from math import ceil, degrees, floor, radians
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, LeafSystem
 
+from parapod.systems.core.controls import Controls, Slider, shown
 from parapod.systems.core.ports import elements, is_on, read_array, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.supervisor import Command
-
-
-class Controls(Protocol):
-    """Sliders and buttons that a person moves, with the names that Drake's Meshcat gives them.
-
-    One that has `SetSliderRange(name, min, max)` too is shown what can be reached. One whose
-    buttons can be held (`AddHold(name, key)`, `DeleteHold(name, strict)`, `IsHeld(name)`) drives
-    while they are, and one with `silence()` tells for how long nothing was heard of the person.
-    """
-
-    # fmt: off
-    def AddSlider(  # noqa: D102
-        self, name: str, min: float, max: float, step: float, value: float  # noqa: A002
-    ) -> Any: ...
-    def DeleteSlider(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
-    def GetSliderNames(self) -> Sequence[str]: ...  # noqa: D102
-    def GetSliderValue(self, name: str) -> float: ...  # noqa: D102
-    def AddButton(self, name: str) -> Any: ...  # noqa: D102
-    def DeleteButton(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
-    def GetButtonClicks(self, name: str) -> int: ...  # noqa: D102
-    # fmt: on
-
 
 # Longest silence that is reported [s].
 _LONGEST = 1e3
@@ -166,8 +145,8 @@ class _PostureControls(LeafSystem):
         """Reads the controls."""
         raise NotImplementedError(f"{type(self).__name__} does not define _update")
 
-    def _sliders(self) -> list[tuple[str, float, float, float, float]]:
-        """Name, smallest and largest value, step and first value of each."""
+    def _sliders(self) -> list[Slider]:
+        """The sliders, of whose ranges nothing is known yet."""
         limits = self._params
         angle, step = degrees(limits.angle), degrees(limits.angle_step)
         heights = 1e3 * np.array([limits.height_min, limits.height_max, limits.height_step])
@@ -207,34 +186,6 @@ class _PostureControls(LeafSystem):
             set_range(name, *np.round(limits, 6).tolist())
 
 
-@contextmanager
-def _shown(
-    controls: Controls,
-    sliders: Sequence[tuple[str, float, float, float, float]],
-    buttons: Sequence[str] = (),
-    holds: Sequence[tuple[str, str]] = (),
-) -> Iterator[None]:
-    """Shows sliders and buttons, and takes them away at the end."""
-    added: list[str] = []
-    control: Any = controls
-    try:
-        for slider in sliders:
-            controls.AddSlider(*slider)
-            added.append(slider[0])
-        for name in buttons:
-            controls.AddButton(name)
-        for name, key in holds:
-            control.AddHold(name, key)
-        yield
-    finally:
-        for name in added:
-            controls.DeleteSlider(name, strict=False)
-        for name in buttons:
-            controls.DeleteButton(name, strict=False)
-        for name, _ in holds:
-            control.DeleteHold(name, strict=False)
-
-
 class PostureSliders(_PostureControls):
     """Commands the posture that three sliders show.
 
@@ -259,11 +210,9 @@ class PostureSliders(_PostureControls):
         self.set_name("posture_sliders")
         self.DeclareStateOutputPort("posture_command", self.DeclareDiscreteState(self._level))
 
-    @contextmanager
-    def shown(self) -> Iterator[None]:
+    def shown(self) -> AbstractContextManager[None]:
         """Shows the sliders, and takes them away at the end."""
-        with _shown(self._controls, self._sliders()):
-            yield
+        return shown(self._controls, self._sliders())
 
     def _update(self, context: Context, discrete_state: Any) -> None:
         command = self._read_posture()
@@ -337,20 +286,18 @@ class OperatorControls(_PostureControls):
             self.DeclareStateOutputPort(name, self._outputs[name])
         self._memory: Any = self.DeclareDiscreteState(np.zeros(4))
 
-    @contextmanager
-    def shown(self) -> Iterator[None]:
+    def shown(self) -> AbstractContextManager[None]:
         """Shows buttons and sliders, and takes them away at the end."""
         driving = () if self._can_be_held else self.DRIVE
         more = [(*slider[:4], 0.0) for slider in (*driving, *self.ARM)]
         holds = [(name, key) for name, key, _ in self.HELD_DRIVE]
         holds += [(name, "") for name, _, _ in self.HELD_JOG]
-        with _shown(
+        return shown(
             self._controls,
             [*more, *self._sliders()],
             self.BUTTONS,
             holds if self._can_be_held else (),
-        ):
-            yield
+        )
 
     @property
     def _can_be_held(self) -> bool:
@@ -388,13 +335,12 @@ class OperatorControls(_PostureControls):
 
     def _read_held(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Drive and jog requests of the buttons that are held."""
-        controls: Any = self._controls
         drive, jog = np.zeros(2), np.zeros(LEG_COUNT)
         for name, _, request in self.HELD_DRIVE:
-            drive += np.array(request) * controls.IsHeld(name)
+            drive += np.array(request) * self._controls.IsHeld(name)
         for name, leg, sign in self.HELD_JOG:
-            jog[leg] += sign * self.JOG_RATE * controls.IsHeld(name)
+            jog[leg] += sign * self.JOG_RATE * self._controls.IsHeld(name)
         return drive, jog
 
-    def _read(self, sliders: Sequence[tuple[str, float, float, float, float]]) -> NDArray[Any]:
+    def _read(self, sliders: Sequence[Slider]) -> NDArray[Any]:
         return np.array([s[-1] * self._controls.GetSliderValue(s[0]) for s in sliders])

@@ -1,36 +1,24 @@
 """Commands that a person gives to the bench in the browser: sliders move the plate."""
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, Protocol
+from contextlib import AbstractContextManager
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from parapod.systems.core.controls import Controls, PoseSliders, shown
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.reference import trot
 from parapod.systems.terrain_simulator.walk import BenchWalk
 
-# Name, smallest and largest value by the one at first, step, and SI unit of one of them.
-SLIDERS = (
+# See `PoseSliders`.
+_SLIDERS = (
     ("x [mm]", 250.0, 1.0, 1e-3),
     ("z [mm]", 150.0, 1.0, 1e-3),
     ("phi [deg]", 60.0, 0.5, math.radians(1.0)),
 )
 _LAG = 0.25  # time constant with which the plate goes where the sliders are [s]
-
-
-class Controls(Protocol):
-    """Sliders."""
-
-    # fmt: off
-    def AddSlider(self, name: str, min: float, max: float, step: float, value: float) -> Any: ...  # noqa: A002, D102
-    def DeleteSlider(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
-    def GetSliderNames(self) -> list[str]: ...  # noqa: D102
-    def GetSliderValue(self, name: str) -> float: ...  # noqa: D102
-    # fmt: on
 
 
 class BenchControls(LeafSystem):
@@ -67,6 +55,7 @@ class BenchControls(LeafSystem):
         self._controls, self._hip = controls, np.array(walk.hip)
         start = walk.at(0.0)
         self._first, self._radius = start.pose[0], walk.foot_radius
+        self._sliders = PoseSliders(controls, _SLIDERS, self._first)
         self._share = -math.expm1(-period / _LAG)
         self._led = self.DeclareVectorInputPort("pose_desired", 3)
         commanded = self.DeclareDiscreteState(self._first)
@@ -85,26 +74,13 @@ class BenchControls(LeafSystem):
             self.DeclareStateOutputPort(name, state)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    @contextmanager
-    def shown(self) -> Iterator[None]:
+    def shown(self) -> AbstractContextManager[None]:
         """Shows the sliders, and takes them away at the end."""
-        for (name, reach, step, unit), value in zip(SLIDERS, self._first, strict=True):
-            first = step * round(float(value) / unit / step)
-            self._controls.AddSlider(name, first - reach, first + reach, step, first)
-        try:
-            yield
-        finally:
-            for name, *_ in SLIDERS:
-                self._controls.DeleteSlider(name, strict=False)
+        return shown(self._controls, self._sliders.rows())
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        there = set(self._controls.GetSliderNames())
-        values = [
-            unit * self._controls.GetSliderValue(name) if name in there else float(first)
-            for (name, _, _, unit), first in zip(SLIDERS, self._first, strict=True)
-        ]
         now = context.get_discrete_state(0).value()
-        state.set_value(0, now + self._share * (np.array(values) - now))
+        state.set_value(0, now + self._share * (self._sliders.read() - now))
 
     def _pose(self, context: Context) -> Array:
         lead = read_array(self._led, context)

@@ -1,22 +1,11 @@
 """Commands that a person gives to the walking chair in the browser."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, Protocol
+from contextlib import AbstractContextManager
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-
-class HeldControls(Protocol):
-    """Buttons that count while they are held."""
-
-    # fmt: off
-    def AddHold(self, name: str, key: str = "") -> Any: ...  # noqa: D102
-    def DeleteHold(self, name: str, strict: bool = True) -> Any: ...  # noqa: D102
-    def GetHoldNames(self) -> list[str]: ...  # noqa: D102
-    def IsHeld(self, name: str) -> bool: ...  # noqa: D102
-    # fmt: on
+from parapod.systems.core.controls import Controls, is_held, shown
 
 
 class ChairControls(LeafSystem):
@@ -35,7 +24,7 @@ class ChairControls(LeafSystem):
 
     WALK, KEY = "walk", "ArrowUp"
 
-    def __init__(self, controls: HeldControls, period: float = 0.02):
+    def __init__(self, controls: Controls, period: float = 0.02):
         """Creates the operator; shows nothing yet.
 
         Args:
@@ -48,16 +37,9 @@ class ChairControls(LeafSystem):
         self.DeclareStateOutputPort("halt", self.DeclareDiscreteState(np.ones(1)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    @contextmanager
-    def shown(self) -> Iterator[None]:
+    def shown(self) -> AbstractContextManager[None]:
         """Shows the button, and takes it away at the end."""
-        self._controls.AddHold(self.WALK, self.KEY)
-        try:
-            yield
-        finally:
-            self._controls.DeleteHold(self.WALK, strict=False)
+        return shown(self._controls, holds=[(self.WALK, self.KEY)])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        is_there = self.WALK in self._controls.GetHoldNames()
-        walks = is_there and self._controls.IsHeld(self.WALK)
-        discrete_state.set_value(np.array([float(not walks)]))
+        discrete_state.set_value(np.array([float(not is_held(self._controls, self.WALK))]))
