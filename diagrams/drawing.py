@@ -22,7 +22,7 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import CameraInfo
@@ -193,6 +193,30 @@ def take(
         scene.RenderColorImage(_camera(view), world, view.X_WC).data[:, :, :3].copy()
         for view in views
     ]
+
+
+def photograph[M](
+    views: Sequence[View],
+    add_model: Callable[[MultibodyPlant, DiagramBuilder, SceneGraph], M],
+    put: Callable[[M, Context], None],
+) -> list[NDArray[np.uint8]]:
+    """Pictures (height, width, 3) of a machine at rest.
+
+    Args:
+        views: from where; one picture each.
+        add_model: adds the machine to a plant, and finalizes that.
+        put: puts the machine into a posture, by the plant's context.
+
+    Raises:
+        RuntimeError: there is no OpenGL that Drake's renderer could use.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1.0)
+    add_renderer(scene_graph)
+    model = add_model(plant, builder, scene_graph)
+    root_context = builder.Build().CreateDefaultContext()
+    put(model, plant.GetMyMutableContextFromRoot(root_context))
+    return take(scene_graph, root_context, views)
 
 
 def _engine(background: tuple[float, float, float]) -> RenderEngineVtkParams:

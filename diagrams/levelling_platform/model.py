@@ -8,11 +8,11 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
@@ -33,7 +33,7 @@ from parapod.diagrams.bodies import (
     set_attribute,
 )
 from parapod.diagrams.cad_models import OwnModel
-from parapod.diagrams.drawing import View, add_renderer, draw_model, publish, take
+from parapod.diagrams.drawing import draw_model, publish
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import (
@@ -41,7 +41,6 @@ from parapod.systems.levelling_platform.geometry import (
     LegGeometry,
     PlatformGeometry,
 )
-from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import diagonal_angle, foot_to_centre, swing_angle
 from parapod.systems.levelling_platform.model import (
     ParallelLinks,
@@ -50,7 +49,6 @@ from parapod.systems.levelling_platform.model import (
     ground_pose,
     hip_pose,
     joint_origins,
-    standing_pose,
 )
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.urdf import configure_parser
@@ -549,37 +547,3 @@ def add_drawing(
     signals = {"extension": extension, "base_pose": base_pose, "arm_position": arm_position}
     scene_graph, positions = draw_model(builder, path, add_model, signals)
     add_visualization(builder, models[0], positions, scene_graph, meshcat, path)
-
-
-def photograph(
-    views: Sequence[View],
-    posture: ArrayLike,
-    ground: tuple[float, float] = (0.0, 0.0),
-    arm: tuple[float, float] = (0.0, 0.0),
-) -> list[NDArray[np.uint8]]:
-    """Pictures (height, width, 3) of the platform in a posture on plane ground.
-
-    Args:
-        views: from where; one picture each.
-        posture: (3) roll, pitch, height [rad, rad, m].
-        ground: roll and pitch [rad].
-        arm: turntable and arm angle [rad].
-
-    Raises:
-        UnreachablePosture: the legs do not reach it.
-        RuntimeError: there is no OpenGL that Drake's renderer could use.
-    """
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1.0)
-    add_renderer(scene_graph)
-    model = add_platform(plant, "full", ground=ground)
-    state = plant.get_state_output_port()
-    links = add(builder, ParallelLinks(model, scene_graph, state.size()))
-    connect(builder, state, links.get_input_port())
-    connect(builder, links.get_output_port(), scene_graph.get_source_pose_port(links.source_id))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    extension = inverse_kinematics(DRAWN, posture, ground)
-    positions = model.positions_at(extension, standing_pose(posture, ground), arm)
-    plant.SetPositions(plant.GetMyMutableContextFromRoot(context), positions)
-    return take(scene_graph, context, views)

@@ -18,15 +18,13 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, QuaternionFloatingJoint
-from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.bodies import Body, fit_link, limit_joints, link_bodies, place_joints
-from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.model import CentreModel, transform_of
@@ -151,30 +149,3 @@ def _fit_joints(geometry: CentreGeometry, root: Element) -> None:
     stroke = {"lower": geometry.stroke_min, "upper": geometry.stroke_max}
     place_joints(root, {"left_swing": (0.0, -aside, 0.0), "right_swing": (0.0, aside, 0.0)})
     limit_joints(root, {"left_length": stroke, "right_length": stroke})
-
-
-def photograph(
-    views: Sequence[View],
-    geometry: CentreGeometry,
-    pose: ArrayLike,
-    footholds: ArrayLike | None = None,
-) -> list[NDArray[np.uint8]]:
-    """Pictures (height, width, 3) of a centre at a pose.
-
-    Args:
-        views: from where; one picture each.
-        geometry: the centre.
-        pose: (6) of the platform [m, rad].
-        footholds: (n, 6) of the feet's frames [m, rad]; None for the paper's pattern.
-
-    Raises:
-        RuntimeError: there is no OpenGL that Drake's renderer could use.
-    """
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-    add_renderer(scene_graph)
-    model = add_centre(plant, geometry)
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    model.stand(plant.GetMyMutableContextFromRoot(context), pose, footholds)
-    return take(scene_graph, context, views)

@@ -13,11 +13,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     ModelInstanceIndex,
@@ -25,7 +24,6 @@ from pydrake.multibody.tree import (
     PrismaticJoint,
     RevoluteJoint,
 )
-from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.bodies import (
     Body,
@@ -36,7 +34,6 @@ from parapod.diagrams.bodies import (
     place_element,
     place_joints,
 )
-from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model
 from parapod.diagrams.terrain_simulator.leg import AddedLeg, LegUnderTest
 from parapod.systems.core.errors import ScenarioError
@@ -267,26 +264,3 @@ def add_leg_on_slide(
     joint = plant.AddJoint(PrismaticJoint("slide", frame, body, up, *(ends or _ENDLESS)))
     plant.AddJointActuator("slide", joint)
     return LegOnSlide(leg.add(plant, body, scene_graph), column, slide)
-
-
-def photograph(
-    views: Sequence[View], geometry: BenchGeometry, pose: ArrayLike
-) -> list[NDArray[np.uint8]]:
-    """Pictures (height, width, 3) of a bench in a pose.
-
-    Args:
-        views: from where; one picture each.
-        geometry: the bench.
-        pose: (3) x, z, phi of the plate's middle [m, m, rad].
-
-    Raises:
-        RuntimeError: there is no OpenGL that Drake's renderer could use.
-    """
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-    add_renderer(scene_graph)
-    model = add_bench(plant, geometry)
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    model.stand(plant.GetMyMutableContextFromRoot(context), pose)
-    return take(scene_graph, context, views)

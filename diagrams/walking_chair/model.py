@@ -2,18 +2,16 @@
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
-from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.bodies import (
     Body,
@@ -23,10 +21,7 @@ from parapod.diagrams.bodies import (
     place_element,
     place_joints,
 )
-from parapod.diagrams.drawing import View, add_renderer, take
 from parapod.diagrams.multibody import add_adapted_model, add_ground
-from parapod.systems.walking_chair.chair import chair_inverse
-from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.geometry import ChairGeometry, LegGeometry
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 from parapod.systems.walking_chair.model import ChairModel, inertia_of, moment_of_inertia
@@ -214,35 +209,3 @@ def _weigh(passenger: Passenger, root: Element) -> None:
     size, moment = passenger.gyration / _GYRATION, moment_of_inertia(passenger)
     body = Body(passenger.mass, None, (moment, moment, moment, 0.0, 0.0, 0.0))
     fit_link(root, "passenger", (size, size, size), body)
-
-
-def photograph(
-    views: Sequence[View],
-    walk: Walk,
-    time: float,
-    passenger: Passenger,
-    geometry: ChairGeometry = _DRAWN,
-) -> list[NDArray[np.uint8]]:
-    """Pictures (height, width, 3) of the chair at a time of a walk.
-
-    Args:
-        views: from where; one picture each.
-        walk: the gaits.
-        time: since the walk began [s].
-        passenger: person on the seat; one without mass is not seen.
-        geometry: dimensions of the chair.
-
-    Raises:
-        RuntimeError: there is no OpenGL that Drake's renderer could use.
-    """
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1.0)
-    add_renderer(scene_graph)
-    model = add_chair(plant, passenger, geometry)
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    motion = walk.motion(geometry, time)
-    body = motion.body.position
-    lengths = chair_inverse(geometry, body, np.eye(3), motion.feet.position, motion.references)
-    model.stand(plant.GetMyMutableContextFromRoot(context), lengths, body, passenger)
-    return take(scene_graph, context, views)

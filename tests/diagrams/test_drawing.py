@@ -8,10 +8,11 @@ from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from parapod.diagrams import drawing
 from parapod.diagrams.drawing import publish
 from parapod.diagrams.machining_centre.drawing import SwitchColours
-from parapod.diagrams.walking_chair import model as chair
 from parapod.diagrams.wiring import add
+from parapod.sims.walking_chair.report import chapter
 from parapod.systems.levelling_platform.sliders import PostureSliders
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
@@ -52,7 +53,7 @@ def test_sliders_are_read_twenty_times_a_second():
 
 
 @pytest.mark.parametrize("passenger", [Passenger(), Passenger(0.0)], ids=["with", "without"])
-def test_a_picture_of_the_chair_shows_it_where_the_walk_is_at_that_time(monkeypatch, passenger):
+def test_a_picture_of_the_chair_shows_it_where_its_walk_is(monkeypatch, passenger):
     """Without a renderer: what would be seen is read from the scene."""
     seen = {}
 
@@ -65,11 +66,10 @@ def test_a_picture_of_the_chair_shows_it_where_the_walk_is_at_that_time(monkeypa
             seen[inspector.GetName(frame)] = scene.GetPoseInWorld(frame)
         return list(views)
 
-    monkeypatch.setattr(chair, "add_renderer", lambda scene_graph: None)
-    monkeypatch.setattr(chair, "take", take)
-    walk, time = Walk(), 0.4 * Walk().duration
-    assert chair.photograph(["from the side"], walk, time, passenger) == ["from the side"]
-    motion = walk.motion(CHAIR_GEOMETRY, time)
+    monkeypatch.setattr(drawing, "add_renderer", lambda scene_graph: None)
+    monkeypatch.setattr(drawing, "take", take)
+    assert chapter._photograph(["from the side"], passenger) == ["from the side"]
+    motion = Walk().motion(CHAIR_GEOMETRY, chapter._MID_SWING)
     body = motion.body.position
     np.testing.assert_allclose(seen["body::body"].translation(), body, atol=1e-12)
     place = seen["passenger::passenger"].translation()

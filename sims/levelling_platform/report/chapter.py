@@ -1,14 +1,23 @@
 """The levelling platform's chapter: the machine's work, then its model."""
 
 import math
+from collections.abc import Sequence
 
-from parapod.diagrams.drawing import View
-from parapod.diagrams.levelling_platform.model import photograph
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from parapod.diagrams.drawing import View, photograph
+from parapod.diagrams.levelling_platform.model import DRAWN, add_platform, add_visualization
 from parapod.sims.levelling_platform.report.claims import CLAIMS
 from parapod.sims.levelling_platform.report.drawings import DRAWINGS
 from parapod.sims.levelling_platform.report.errata import ERRATA
 from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
 
 _HEIGHT = 0.477  # in the middle of what the stroke allows [m]
 _GROUND = (math.radians(2.0), math.radians(3.0))
@@ -26,15 +35,37 @@ def pictures() -> tuple[Picture, ...]:
     return rendered(_take)
 
 
+def _photograph(
+    views: Sequence[View], ground: tuple[float, float], arm: tuple[float, float]
+) -> list[NDArray[np.uint8]]:
+    """Pictures of the platform, level on plane ground, and its arm [rad]."""
+    level = (0.0, 0.0, _HEIGHT)
+    extension, pose = inverse_kinematics(DRAWN, level, ground), standing_pose(level, ground)
+
+    def add_model(
+        plant: MultibodyPlant, builder: DiagramBuilder, scene_graph: SceneGraph
+    ) -> PlatformModel:
+        model = add_platform(plant, "full", ground=ground)
+        add_visualization(builder, model, plant.get_state_output_port(), scene_graph, None)
+        return model
+
+    return photograph(
+        views,
+        add_model,
+        lambda model, context: model.plant.SetPositions(
+            context, model.positions_at(extension, pose, arm)
+        ),
+    )
+
+
 def _take() -> tuple[Picture, ...]:
     whole = View((2.9, -5.9, 1.9), (0.08, 0.0, 0.96), angle=0.50, size=(1280, 1080))
     front = View((0.0, -_FAR, 0.6), (0.0, 0.0, 0.40), angle=0.033, size=(1280, 640))
     top = View(
         (0.0, 0.0, _FAR), (0.0, 0.0, 0.3), angle=0.052, size=(1280, 1000), up=(0.0, 1.0, 0.0)
     )
-    level = [0.0, 0.0, _HEIGHT]
-    (at_work,) = photograph([whole], level, _GROUND, _LEANING)
-    from_front, from_top = photograph([front, top], level, arm=_UPRIGHT)
+    (at_work,) = _photograph([whole], _GROUND, _LEANING)
+    from_front, from_top = _photograph([front, top], (0.0, 0.0), _UPRIGHT)
     return (
         Picture(
             "The platform",

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator
 
-from parapod.diagrams.drawing import View
-from parapod.diagrams.machining_centre.model import photograph
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from parapod.diagrams.drawing import View, photograph
+from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.sims.machining_centre.report.claims import CLAIMS
 from parapod.sims.machining_centre.report.drawings import DRAWINGS
@@ -29,9 +32,21 @@ def pictures() -> tuple[Picture, ...]:
     return rendered(_take)
 
 
+def _photograph(
+    view: View, geometry: CentreGeometry, pose: ArrayLike, feet: ArrayLike | None = None
+) -> NDArray[np.uint8]:
+    """Picture of a centre at a pose; its feet are in the paper's pattern unless told."""
+    (picture,) = photograph(
+        [view],
+        lambda plant, *_: add_centre(plant, geometry),
+        lambda centre, context: centre.stand(context, pose, feet),
+    )
+    return picture
+
+
 def _take() -> tuple[Picture, ...]:
-    (tripod,), (quadruped,) = (
-        photograph([_VIEW], CentreGeometry(limbs), pose) for limbs, pose in _POSES.items()
+    tripod, quadruped = (
+        _photograph(_VIEW, CentreGeometry(limbs), pose) for limbs, pose in _POSES.items()
     )
     return (
         Picture(
@@ -59,7 +74,7 @@ def _walk() -> Iterator[Picture]:
         by = displacement(before, operation.foothold)
         feet = feet.copy()
         feet[limb - 1] = foot_at(before, operation.foothold, by, plan.job.lift, 0.5)
-        (picture,) = photograph([_WALKED], geometry, way[len(way) // 2], feet)
+        picture = _photograph(_WALKED, geometry, way[len(way) // 2], feet)
         locked = ", ".join(
             f"q_{joint} of limb {other}" for other, joint in operation.lock_set.standing
         )

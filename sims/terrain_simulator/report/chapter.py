@@ -2,8 +2,11 @@
 
 import math
 
-from parapod.diagrams.drawing import View
-from parapod.diagrams.terrain_simulator.model import photograph
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.drawing import View, photograph
+from parapod.diagrams.terrain_simulator.model import add_bench
 from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
 from parapod.sims.terrain_simulator.report.claims import CLAIMS
@@ -23,9 +26,19 @@ def pictures() -> tuple[Picture, ...]:
     return rendered(_take)
 
 
+def _photograph(geometry: BenchGeometry, pose: tuple[float, float, float]) -> NDArray[np.uint8]:
+    """Picture of a bench in a pose of its plate [m, m, rad]."""
+    (picture,) = photograph(
+        [_VIEW],
+        lambda plant, *_: add_bench(plant, geometry),
+        lambda bench, context: bench.stand(context, pose),
+    )
+    return picture
+
+
 def _take() -> tuple[Picture, ...]:
-    (pedal,) = photograph([_VIEW], BenchGeometry.pedal(), (0.5, 0.29, math.radians(15.0)))
-    (treadmill,) = photograph([_VIEW], BenchGeometry.treadmill(), (0.8, 0.26, math.radians(-7.0)))
+    pedal = _photograph(BenchGeometry.pedal(), (0.5, 0.29, math.radians(15.0)))
+    treadmill = _photograph(BenchGeometry.treadmill(), (0.8, 0.26, math.radians(-7.0)))
     return (
         Picture("The pedal", "Front end down by 15 deg (in the place of Fig. 1).", pedal),
         Picture("The treadmill", "Front end up by 7 deg (in the place of Fig. 3).", treadmill),

@@ -1,13 +1,20 @@
 """The walking chair's chapter: experiments in the paper's order."""
 
-from parapod.diagrams.drawing import View
-from parapod.diagrams.walking_chair.model import photograph
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.diagrams.drawing import View, photograph
+from parapod.diagrams.walking_chair.model import add_chair
 from parapod.sims.output.rendered import rendered
 from parapod.sims.report.chapter import Chapter, Component, Part, Picture
 from parapod.sims.walking_chair.report.claims import CLAIMS
 from parapod.sims.walking_chair.report.drawings import DRAWINGS
 from parapod.sims.walking_chair.report.errata import ERRATA
+from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import Walk
+from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.masses import Passenger
 
 # From so far that lines parallel in space nearly stay so [m].
@@ -24,12 +31,25 @@ def pictures() -> tuple[Picture, ...]:
     return rendered(_take)
 
 
+def _photograph(views: Sequence[View], passenger: Passenger) -> list[NDArray[np.uint8]]:
+    """Pictures of the chair in the middle of a swing; a passenger without mass is not seen."""
+    geometry = ChairGeometry()
+    motion = Walk().motion(geometry, _MID_SWING)
+    body = motion.body.position
+    lengths = chair_inverse(geometry, body, np.eye(3), motion.feet.position, motion.references)
+    return photograph(
+        views,
+        lambda plant, *_: add_chair(plant, passenger, geometry),
+        lambda chair, context: chair.stand(context, lengths, body, passenger),
+    )
+
+
 def _take() -> tuple[Picture, ...]:
     whole = View((2.6, 2.9, 1.6), (0.0, 0.05, 0.86), angle=0.53, size=(1000, 1280))
     side = View((_FAR, 0.0, 0.9), (0.0, 0.05, 0.90), angle=0.068, size=(1000, 1280))
     front = View((0.0, _FAR, 0.9), (0.0, 0.0, 0.74), angle=0.055, size=(1000, 1280))
-    at_step, from_side = photograph([whole, side], Walk(), _MID_SWING, Passenger())
-    (from_front,) = photograph([front], Walk(), _MID_SWING, Passenger(0.0))
+    at_step, from_side = _photograph([whole, side], Passenger())
+    (from_front,) = _photograph([front], Passenger(0.0))
     return (
         Picture(
             "The chair",
