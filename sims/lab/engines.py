@@ -109,6 +109,23 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
     gap: ClassVar[str] = "truth.loop_error"
     most_open: ClassVar[float] = 2.0
 
+    def check(self, scenario: S) -> None:
+        """Refuses steps that make no comparison.
+
+        Raises:
+            ScenarioError: steps that are not different, or longer than the controller's period.
+        """
+        super().check(scenario)
+        settings: Any = scenario
+        steps, key = settings.steps_ms, "steps_ms"
+        if len(set(steps)) < len(steps):
+            raise ScenarioError(f"{key} has a step twice: {steps}", key)
+        longest = 1e3 * settings.control.period
+        if steps and max(steps) > longest:
+            raise ScenarioError(
+                f"{key} = {max(steps):g} ms is above control.period = {longest:g} ms", key
+            )
+
     def counts_from(self, scenario: S) -> float:
         """Time from which on differences count: the machine has settled [s]."""
         raise NotImplementedError(f"{type(self).__name__} does not define counts_from")
@@ -271,22 +288,6 @@ def with_engine[S](scenario: S, backend: str, step: float | None = None) -> S:
     plant = settings.plant if step is None else replace(settings.plant, time_step=step)
     changed: S = replace(settings, backend=backend, plant=plant)
     return changed
-
-
-def check_steps(scenario: Any) -> None:
-    """Refuses steps that make no comparison.
-
-    Raises:
-        ScenarioError: steps that are not different, or longer than the controller's period.
-    """
-    steps, key = scenario.steps_ms, "steps_ms"
-    if len(set(steps)) < len(steps):
-        raise ScenarioError(f"{key} has a step twice: {steps}", key)
-    longest = 1e3 * scenario.control.period
-    if steps and max(steps) > longest:
-        raise ScenarioError(
-            f"{key} = {max(steps):g} ms is above control.period = {longest:g} ms", key
-        )
 
 
 def _stem(name: str) -> str:

@@ -35,8 +35,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.engines import EngineComparison, Floats, Quantity, check_steps
-from parapod.sims.levelling_platform.levelling import LevellingExperiment, check_job
+from parapod.sims.lab.engines import EngineComparison, Floats, Quantity
+from parapod.sims.levelling_platform.levelling import LevellingExperiment
 from parapod.systems.core.schema import quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
@@ -93,11 +93,6 @@ class CompareEngines(EngineComparison[LevellingScenario], LevellingExperiment):
         Quantity("shared_force", "shared_force", "N", 1.0, "feet, undetermined", (0,)),
         Quantity("load_force", "truth.load_force", "N", 1.0, "rods' forces", _LEGS),
     )
-
-    def check(self, scenario: LevellingScenario) -> None:
-        """Refuses a job or steps that do not fit together."""
-        check_job(scenario)
-        check_steps(scenario)
 
     def derived(
         self, scenario: LevellingScenario, signals: Mapping[str, Floats]

@@ -137,7 +137,11 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
 
     def scene(self, scenario: CentreScenario) -> Meshcat:
         """A scene around the centre's way, with the panel."""
-        return make_scene(scenario)
+        along, across = (0.5 * way for way in scenario.plan.shift)
+        camera, target = (along + 1.25, across - 1.45, 0.75), (along, across, 0.24)
+        meshcat = make_viewer(camera, target)
+        draw_panel(meshcat, scenario.plan, scenario.machine.geometry)
+        return meshcat
 
     def run(self, scenario: CentreScenario, runner: Runner) -> Run:
         """Runs the job until it is done."""
@@ -160,7 +164,32 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Phase, error and margin."""
-        return read_out(loop, root_context)
+
+        def read(port: str) -> list[float]:
+            return value_of(loop.controller, port, root_context).tolist()
+
+        phase, (fault, where) = Phase(round(read("phase")[0])), read("fault")
+        margin, operations_done = read("wrench_margin")[0], read("operation")[0]
+        pose = value_of(loop.controller, "pose_desired", root_context)
+        true = loop.readings(root_context, ("truth.pose", "tool.force"))
+        at = true["truth.pose"]() if "truth.pose" in true else np.full(6, np.nan)
+        rows = [
+            Row(name, 1e3 * pose[i], true=1e3 * float(at[i]), unit="mm", decimals=2)
+            for i, name in enumerate("xyz")
+        ]
+        rows += [
+            Row(name, math.degrees(pose[i]), true=math.degrees(at[i]), unit="deg", decimals=2)
+            for i, name in enumerate(("roll", "pitch", "yaw"), start=3)
+        ]
+        rows.append(Row("thrust", measured=float(true["tool.force"]()[0]), unit="N", decimals=0))
+        rows.append(Row("wrench margin", 0.0, margin, unit="N", decimals=0))
+        total = len(loop.scenario.plan.job.operations)
+        state = phase.name.lower() + (
+            f", {round(operations_done)} of {total} operations done" if total else ""
+        )
+        if fault:
+            return Readout(words_of(round(fault), round(where)), rows, (), True)
+        return Readout(state, rows)
 
 
 def _until_done(loop: ClosedLoop[Any], rest: float) -> Monitor:
@@ -282,36 +311,6 @@ def shade_phases(axes: "Axes", run: Run) -> None:
             axes.axvspan(run.time[begin], last, color=colour, alpha=0.12, lw=0, zorder=0)
 
 
-def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
-    """Phase, operation, error, force and margin of a job that goes on."""
-
-    def read(port: str) -> list[float]:
-        return value_of(loop.controller, port, root_context).tolist()
-
-    phase, (fault, where) = Phase(round(read("phase")[0])), read("fault")
-    margin, operations_done = read("wrench_margin")[0], read("operation")[0]
-    pose = value_of(loop.controller, "pose_desired", root_context)
-    true = loop.readings(root_context, ("truth.pose", "tool.force"))
-    at = true["truth.pose"]() if "truth.pose" in true else np.full(6, np.nan)
-    rows = [
-        Row(name, 1e3 * pose[i], true=1e3 * float(at[i]), unit="mm", decimals=2)
-        for i, name in enumerate("xyz")
-    ]
-    rows += [
-        Row(name, math.degrees(pose[i]), true=math.degrees(at[i]), unit="deg", decimals=2)
-        for i, name in enumerate(("roll", "pitch", "yaw"), start=3)
-    ]
-    rows.append(Row("thrust", measured=float(true["tool.force"]()[0]), unit="N", decimals=0))
-    rows.append(Row("wrench margin", 0.0, margin, unit="N", decimals=0))
-    total = len(loop.scenario.plan.job.operations)
-    state = phase.name.lower() + (
-        f", {round(operations_done)} of {total} operations done" if total else ""
-    )
-    if fault:
-        return Readout(words_of(round(fault), round(where)), rows, (), True)
-    return Readout(state, rows)
-
-
 _HELP = (
     "Move the platform with the sliders in the browser; hold a button to lift a foot, again and "
     "again."
@@ -355,11 +354,3 @@ class LiveCentre(Live):
         with self.loop.sources[0].shown():
             self.begin()
             return self.go_on()
-
-
-def make_scene(scenario: CentreScenario) -> Meshcat:
-    """A scene around the centre's way, with the panel."""
-    along, across = (0.5 * way for way in scenario.plan.shift)
-    meshcat = make_viewer(camera=(along + 1.25, across - 1.45, 0.75), target=(along, across, 0.24))
-    draw_panel(meshcat, scenario.plan, scenario.machine.geometry)
-    return meshcat

@@ -19,32 +19,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.terrain_simulator.design import BenchDesign
-from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchPlantScenario,
     LegScenario,
     TerrainBenchScenario,
 )
 from parapod.diagrams.terrain_simulator.world import walking_in_the_world
-from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
 from parapod.sims.terrain_simulator.walk import (
+    BenchExperiment,
     BenchWalking,
     check_bench,
-    make_scene,
-    read_out,
-    walking_loop,
 )
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -149,10 +142,9 @@ class _InTheWorld(BenchWalking):
         return ClosedLoop(walking_in_the_world(), scenario, **options)
 
 
-class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
+class BenchCourse(BenchExperiment[BenchCourseScenario, Courses]):
     """Walks a course twice."""
 
-    machine = TERRAIN_BENCH
     schema = BenchCourseScenario
     backends = ("multibody",)
     takes = "2 min"
@@ -180,18 +172,6 @@ class BenchCourse(LoopExperiment[BenchCourseScenario, Courses]):
                 raise
             except ParapodError as error:
                 raise ParapodError(f"{name}: {error}") from error
-
-    def loop(self, scenario: BenchCourseScenario, **options: Any) -> ClosedLoop[Any]:
-        """Builds the bench's loop over the first terrain."""
-        return walking_loop(self.machine_scenario(scenario), **options)
-
-    def scene(self, scenario: BenchCourseScenario) -> Meshcat:
-        """A scene around the bench."""
-        return make_scene(self.machine_scenario(scenario))
-
-    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
-        """Pose, force and distance."""
-        return read_out(loop, root_context)
 
     def run(self, scenario: BenchCourseScenario, runner: Runner) -> Courses:
         """Walks each terrain on the bench and in the world."""

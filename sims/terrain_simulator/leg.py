@@ -24,8 +24,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.style import COLOURS
@@ -43,19 +41,15 @@ from parapod.diagrams.terrain_simulator.scenario import (
     TerrainBenchScenario,
 )
 from parapod.diagrams.terrain_simulator.terrains import Slope, Step
-from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.sims.terrain_simulator.courses import place_on
 from parapod.sims.terrain_simulator.walk import (
+    BenchExperiment,
     BenchWalking,
     check_bench,
-    make_scene,
-    read_out,
-    walking_loop,
 )
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
@@ -229,10 +223,9 @@ class _Jump(BenchWalking):
         return ClosedLoop(TERRAIN_BENCH, scenario, sources=sources, **options)
 
 
-class BenchLeg(LoopExperiment[BenchLegScenario, LegTest]):
+class BenchLeg(BenchExperiment[BenchLegScenario, LegTest]):
     """Tries a leg."""
 
-    machine = TERRAIN_BENCH
     schema = BenchLegScenario
     backends = ("multibody",)
     takes = "10 s"
@@ -262,21 +255,9 @@ class BenchLeg(LoopExperiment[BenchLegScenario, LegTest]):
         task, leg = scenario.task, make_leg_model(scenario.leg.description)
         leg.follow(task.at(np.linspace(0.0, task.duration, _PLACES)).foot[0])
 
-    def loop(self, scenario: BenchLegScenario, **options: Any) -> ClosedLoop[Any]:
-        """Builds the loop of the step."""
-        return walking_loop(scenario.walk, **options)
-
-    def scene(self, scenario: BenchLegScenario) -> Meshcat:
-        """A scene around the bench."""
-        return make_scene(scenario.walk)
-
     def duration(self, scenario: BenchLegScenario) -> float:
         """End of the step [s]."""
         return scenario.walk.walk.duration + scenario.walk.end
-
-    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
-        """Pose, force and distance."""
-        return read_out(loop, root_context)
 
     def run(self, scenario: BenchLegScenario, runner: Runner) -> LegTest:
         """Steps, and jumps."""

@@ -75,10 +75,48 @@ _SIGNALS = (
 )
 
 
-class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
-    """Walks over the terrain of a scenario."""
+class BenchExperiment[S, D](LoopExperiment[S, D]):
+    """An experiment in which a leg walks on the bench."""
 
     machine = TERRAIN_BENCH
+
+    def loop(self, scenario: S, **options: Any) -> ClosedLoop[Any]:
+        """Builds the closed loop, in a scene with the terrain beside the bench."""
+        return walking_loop(self.machine_scenario(scenario), **options)
+
+    def scene(self, scenario: S) -> Meshcat:
+        """A scene around the bench, seen from its near side."""
+        x, z = self.machine_scenario(scenario).walk.hip
+        return make_viewer(camera=(x + 1.1, -2.9, z + 0.35), target=(x, 0.0, 0.55 * z))
+
+    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
+        """Pose, force and distance."""
+        now = loop.readings(root_context, ("truth.pose", "truth.foot_force", "hip.position"))
+        pose = value_of(loop.controller, "pose_desired", root_context)
+        true = now["truth.pose"]() if "truth.pose" in now else np.full(3, np.nan)
+        rows = [
+            Row("x", 1e3 * pose[0], true=1e3 * float(true[0]), unit="mm", decimals=1),
+            Row("z", 1e3 * pose[1], true=1e3 * float(true[1]), unit="mm", decimals=1),
+            Row(
+                "phi", float(np.degrees(pose[2])), true=float(np.degrees(true[2])), unit="deg",
+                decimals=2,
+            ),
+            Row("hip", measured=1e3 * float(now["hip.position"]()[0]), unit="mm", decimals=1),
+        ]  # fmt: skip
+        if "truth.foot_force" in now:
+            force = float(now["truth.foot_force"]()[1])
+            rows.append(Row("ground on the foot", measured=force, unit="N", decimals=0))
+        distances = [source for source in loop.sources if source.HasOutputPort("distance")]
+        if distances:
+            travelled = float(value_of(distances[0], "distance", root_context)[0])
+            rows.append(Row("way of the body", measured=travelled, unit="m", decimals=2))
+        share = float(value_of(loop.controller, "share", root_context)[0])
+        return Readout("" if share > 0.99 else f"slowed down to {100.0 * share:.0f} %", rows)
+
+
+class BenchWalking(BenchExperiment[TerrainBenchScenario, Run]):
+    """Walks over the terrain of a scenario."""
+
     schema = TerrainBenchScenario
     backends = TERRAIN_BENCH.backends
     signals = _SIGNALS
@@ -99,18 +137,6 @@ class BenchWalking(LoopExperiment[TerrainBenchScenario, Run]):
     def duration(self, scenario: TerrainBenchScenario) -> float:
         """Until the leg has stood a while [s]."""
         return scenario.walk.duration + scenario.end
-
-    def loop(self, scenario: TerrainBenchScenario, **options: Any) -> ClosedLoop[Any]:
-        """Builds the closed loop, in a scene with the terrain beside the bench."""
-        return walking_loop(scenario, **options)
-
-    def scene(self, scenario: TerrainBenchScenario) -> Meshcat:
-        """A scene around the bench."""
-        return make_scene(scenario)
-
-    def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
-        """Pose, force and distance."""
-        return read_out(loop, root_context)
 
     def operated(self, scenario: TerrainBenchScenario, controls: Any) -> ClosedLoop[Any]:
         """The bench in a person's hands, its leg standing."""
@@ -201,12 +227,6 @@ def walking_loop(
         ribbon = TerrainRibbon(meshcat, scenario.walk)
         options["sources"] = (make_terrain(scenario), ribbon)
     return ClosedLoop(TERRAIN_BENCH, scenario, meshcat=meshcat, **options)
-
-
-def make_scene(scenario: TerrainBenchScenario) -> Meshcat:
-    """A scene around the bench, seen from its near side."""
-    x, z = scenario.walk.hip
-    return make_viewer(camera=(x + 1.1, -2.9, z + 0.35), target=(x, 0.0, 0.55 * z))
 
 
 def plate_metrics(run: Run, desired: WalkMotion, size: float) -> Iterator[Metric]:
@@ -310,31 +330,6 @@ def steady_part(walk: BenchWalk, time: Array) -> NDArray[np.bool_]:
     first, last = walk.steady
     half = 0.5 * float(np.median(np.diff(time)))
     return (time >= first + _SETTLING * walk.period - half) & (time < last - half)
-
-
-def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
-    """Pose of the plate, force on the foot, distance and share of a walk that goes on."""
-    now = loop.readings(root_context, ("truth.pose", "truth.foot_force", "hip.position"))
-    pose = value_of(loop.controller, "pose_desired", root_context)
-    true = now["truth.pose"]() if "truth.pose" in now else np.full(3, np.nan)
-    rows = [
-        Row("x", 1e3 * pose[0], true=1e3 * float(true[0]), unit="mm", decimals=1),
-        Row("z", 1e3 * pose[1], true=1e3 * float(true[1]), unit="mm", decimals=1),
-        Row(
-            "phi", float(np.degrees(pose[2])), true=float(np.degrees(true[2])), unit="deg",
-            decimals=2,
-        ),
-        Row("hip", measured=1e3 * float(now["hip.position"]()[0]), unit="mm", decimals=1),
-    ]  # fmt: skip
-    if "truth.foot_force" in now:
-        force = float(now["truth.foot_force"]()[1])
-        rows.append(Row("ground on the foot", measured=force, unit="N", decimals=0))
-    distances = [source for source in loop.sources if source.HasOutputPort("distance")]
-    if distances:
-        travelled = float(value_of(distances[0], "distance", root_context)[0])
-        rows.append(Row("way of the body", measured=travelled, unit="m", decimals=2))
-    share = float(value_of(loop.controller, "share", root_context)[0])
-    return Readout("" if share > 0.99 else f"slowed down to {100.0 * share:.0f} %", rows)
 
 
 def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:

@@ -20,12 +20,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pydrake.geometry import Meshcat
-
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.sims.lab.engines import EngineComparison, Floats, Quantity, check_steps
-from parapod.sims.walking_chair.walk import check_walk, make_scene
+from parapod.sims.lab.engines import EngineComparison, Floats, Quantity
+from parapod.sims.walking_chair.walk import ChairExperiment
 from parapod.systems.core.schema import quantity
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 
@@ -46,7 +44,7 @@ class ChairEnginesScenario(ChairScenario):
     steps_ms: list[float] = quantity([4.0, 2.0, 1.0, 0.5], 0.1, 10.0)
 
 
-class ChairEngines(EngineComparison[ChairScenario]):
+class ChairEngines(EngineComparison[ChairScenario], ChairExperiment):
     """Runs the walk with both engines."""
 
     machine = CHAIR
@@ -81,19 +79,6 @@ class ChairEngines(EngineComparison[ChairScenario]):
     ) -> Mapping[str, Floats]:
         """The force that all feet bear together, which statics determines."""
         return {"weight": signals["truth.contact_force"].sum(axis=1, keepdims=True)}
-
-    def check(self, scenario: ChairScenario) -> None:
-        """Refuses a walk or steps that do not fit together."""
-        check_walk(scenario)
-        check_steps(scenario)
-
-    def duration(self, scenario: ChairScenario) -> float:
-        """Standing, walk, standing [s]."""
-        return scenario.begin + scenario.walk.duration + scenario.end
-
-    def scene(self, scenario: ChairScenario) -> Meshcat:
-        """A scene around the chair's way."""
-        return make_scene(scenario)
 
     def counts_from(self, scenario: ChairScenario) -> float:
         """The time at which it stands on its feet [s]."""

@@ -85,14 +85,11 @@ _SETTLED = 0.5
 _BRANCHES = ("UP", "UPS 2", "UPS 3")
 
 
-class ChairWalk(LoopExperiment[ChairScenario, Run]):
-    """Runs the walk."""
+class ChairExperiment[D](LoopExperiment[ChairScenario, D]):
+    """An experiment in which the chair walks."""
 
     machine = CHAIR
     schema = ChairScenario
-    backends = CHAIR.backends
-    signals = _NEEDED
-    takes = "30 s"
 
     def check(self, scenario: ChairScenario) -> None:
         """Refuses a walk before the first step.
@@ -108,15 +105,25 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
         """Standing, walk, standing [s]."""
         return scenario.begin + scenario.walk.duration + scenario.end
 
+    def scene(self, scenario: ChairScenario) -> Meshcat:
+        """A scene around the chair's way."""
+        ends = [gait.end[1] for gait in scenario.walk.gaits]
+        middle = 0.5 * float(np.mean((min(0.0, *ends), max(0.0, *ends))))
+        return make_viewer(camera=(2.6, 2.7 + middle, 1.5), target=(0.0, middle, 0.80))
+
+
+class ChairWalk(ChairExperiment[Run]):
+    """Runs the walk."""
+
+    backends = CHAIR.backends
+    signals = _NEEDED
+    takes = "30 s"
+
     def operated(self, scenario: ChairScenario, controls: Any) -> ClosedLoop[ChairScenario]:
         """The walk, step by step while a person holds a button."""
         controller = partial(make_controller, is_operated=True)
         sources = (ChairControls(controls),)
         return ClosedLoop(CHAIR, scenario, controller=controller, sources=sources, log=())
-
-    def scene(self, scenario: ChairScenario) -> Meshcat:
-        """A scene around the chair's way."""
-        return make_scene(scenario)
 
     def measure(self, scenario: ChairScenario, run: Run) -> Iterator[Metric]:
         """Errors of body and branches, forces, payload and margin.
@@ -141,7 +148,28 @@ class ChairWalk(LoopExperiment[ChairScenario, Run]):
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Gait, margin and payload."""
-        return _read_out(loop, root_context)
+
+        def read(port: str) -> list[float]:
+            return value_of(loop.controller, port, root_context).tolist()
+
+        settings = loop.scenario
+        seat, (mass, x, y) = settings.passenger, read("payload_estimated")
+        (margin,), (is_held,), (gait_time,) = map(read, ("support_margin", "hold", "gait_time"))
+        is_known = mass > 1.0  # [kg]; an empty seat has no centre
+        rows = (
+            Row("passenger", seat.mass_kg, mass, unit="kg", decimals=1),
+            Row("to the right", seat.x_mm, 1e3 * x if is_known else None, unit="mm", decimals=0),
+            Row("ahead", seat.y_mm, 1e3 * y if is_known else None, unit="mm", decimals=0),
+            Row("margin", settings.control.support_margin_mm, 1e3 * margin, unit="mm", decimals=0),
+            Row("walked for", measured=gait_time, unit="s", decimals=1),
+        )
+        if is_held > 0.5:
+            return Readout("waits: the passenger would tip it over", rows, (), True)
+        if read("done")[0] > 0.5:
+            return Readout("has arrived", rows, idle=(ChairControls.WALK,))
+        if any(halt()[0] > 0.5 for halt in loop.readings(root_context, ("halt",)).values()):
+            return Readout(f"stands; walks while '{ChairControls.WALK}' is held", rows)
+        return Readout("walks", rows)
 
     def live(
         self, scenario: ChairScenario, panel: Panel, run: Run, console: Console
@@ -449,14 +477,6 @@ def check_walk(scenario: ChairScenario) -> None:
     check_forces(machine.geometry, walk, passenger, machine.masses, limit, stiffness)
 
 
-def make_scene(scenario: ChairScenario) -> Meshcat:
-    """A scene around the chair's way."""
-    walk = scenario.walk
-    ends = [gait.end[1] for gait in walk.gaits]
-    middle = 0.5 * float(np.mean((min(0.0, *ends), max(0.0, *ends))))
-    return make_viewer(camera=(2.6, 2.7 + middle, 1.5), target=(0.0, middle, 0.80))
-
-
 _HELP = (
     "The chair walks on, forward and back; move its passenger with the sliders in the browser. "
     "Where the passenger would make it tip over it waits."
@@ -467,30 +487,6 @@ _SLIDERS = (
     ("to the right [mm]", -150.0, 150.0, 5.0),
     ("ahead [mm]", -150.0, 150.0, 5.0),
 )
-
-
-def _read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
-    def read(port: str) -> list[float]:
-        return value_of(loop.controller, port, root_context).tolist()
-
-    settings = loop.scenario
-    seat, (mass, x, y) = settings.passenger, read("payload_estimated")
-    margin, (is_held,), (gait_time,) = read("support_margin")[0], read("hold"), read("gait_time")
-    is_known = mass > 1.0  # [kg]; an empty seat has no centre
-    rows = (
-        Row("passenger", seat.mass_kg, mass, unit="kg", decimals=1),
-        Row("to the right", seat.x_mm, 1e3 * x if is_known else None, unit="mm", decimals=0),
-        Row("ahead", seat.y_mm, 1e3 * y if is_known else None, unit="mm", decimals=0),
-        Row("margin", settings.control.support_margin_mm, 1e3 * margin, unit="mm", decimals=0),
-        Row("walked for", measured=gait_time, unit="s", decimals=1),
-    )
-    if is_held > 0.5:
-        return Readout("waits: the passenger would tip it over", rows, (), True)
-    if read("done")[0] > 0.5:
-        return Readout("has arrived", rows, idle=(ChairControls.WALK,))
-    if any(halt()[0] > 0.5 for halt in loop.readings(root_context, ("halt",)).values()):
-        return Readout(f"stands; walks while '{ChairControls.WALK}' is held", rows)
-    return Readout("walks", rows)
 
 
 class LiveChair(Live):

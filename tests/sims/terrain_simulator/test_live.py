@@ -10,7 +10,7 @@ from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.terrain_simulator.twin import BenchTwin
 from parapod.sims.lab.panel import Readout
 from parapod.sims.terrain_simulator.live import LiveBench, operated_loop
-from parapod.sims.terrain_simulator.walk import check_bench, read_out, walking_loop
+from parapod.sims.terrain_simulator.walk import BenchWalking, check_bench, walking_loop
 from parapod.systems.terrain_simulator.kinematics import singularity
 
 
@@ -90,7 +90,7 @@ def test_the_page_tells_pose_hip_force_and_way():
     simulator = Simulator(loop)
     simulator.set_monitor(loop.monitor)
     simulator.AdvanceTo(0.3)
-    shown = read_out(loop, simulator.get_context())
+    shown = BenchWalking("bench-walk").read_out(loop, simulator.get_context())
     rows = {row.label: row for row in shown.rows}
     x, z, phi = scenario.walk.at(0.3).pose[0]
     for label, value, unit in (("x", 1e3 * x, "mm"), ("z", 1e3 * z, "mm"), ("phi", phi, "deg")):
