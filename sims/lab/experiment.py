@@ -315,6 +315,23 @@ class LoopExperiment[S, D](Experiment[S, D]):
             cls.schema = getattr(cls, "schema", machine.scenario)
             cls.backends = cls.backends or tuple(machine.plants)
 
+    def check(self, scenario: S) -> None:
+        """Refuses a controller that is faster than the plant; one that refuses more calls this.
+
+        Raises:
+            ScenarioError: parts that do not fit together.
+        """
+        settings = self.machine_scenario(scenario)
+        period, plant = settings.control.period, getattr(settings, "plant", None)
+        # A kinematic plant takes no steps.
+        is_stepped = settings.backend in self.machine.plants and settings.backend != "kinematic"
+        step = getattr(plant, "time_step", 0.0) if is_stepped else 0.0
+        if period < step:
+            raise ScenarioError(
+                f"control.period = {period:g} s is below plant.time_step = {step:g} s",
+                "control.period",
+            )
+
     def duration(self, scenario: S) -> float:
         """End of the run [s]."""
         raise NotImplementedError(f"{type(self).__name__} does not define duration")

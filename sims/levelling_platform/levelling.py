@@ -17,7 +17,7 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
-from parapod.diagrams.levelling_platform.scenario import BODIES, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.plots import ROLE_COLOURS
 from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.experiment import LoopExperiment
@@ -43,8 +43,28 @@ class LevellingExperiment[D](LoopExperiment[LevellingScenario, D]):
     schema = LevellingScenario
 
     def check(self, scenario: LevellingScenario) -> None:
-        """Refuses a scenario whose parts do not fit together."""
-        check_job(scenario)
+        """Refuses a job whose times do not fit together."""
+        super().check(scenario)
+        job = scenario.job
+        times = [waypoint.time for waypoint in job.waypoints]
+        for i, (earlier, later) in enumerate(pairwise(times), start=1):
+            if later < earlier:
+                _refuse(
+                    f"job.waypoints.{i}.time",
+                    later,
+                    f"earlier than the waypoint before, {earlier:g}",
+                )
+        if times and times[0] < job.settled_after:
+            why = f"earlier than job.settled_after = {job.settled_after:g}"
+            _refuse("job.waypoints.0.time", times[0], why)
+        swung = job.arm.start + job.arm.duration
+        for what, at in (
+            ("job.settled_after", job.settled_after),
+            ("the last waypoint", max(times, default=0.0)),
+            ("the end of the arm's swing", swung),
+        ):
+            if job.end <= at:
+                _refuse("job.end", job.end, f"not after {what}, {at:g}")
 
     def duration(self, scenario: LevellingScenario) -> float:
         """End of the job [s]."""
@@ -57,34 +77,6 @@ class LevellingExperiment[D](LoopExperiment[LevellingScenario, D]):
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """The posture that is asked for, measured and true."""
         return read_posture(loop, root_context)
-
-
-def check_job(scenario: LevellingScenario) -> None:
-    """Refuses a scenario whose parts do not fit together.
-
-    Raises:
-        ScenarioError: names the key.
-    """
-    job, plant, control = scenario.job, scenario.plant, scenario.control
-    times = [waypoint.time for waypoint in job.waypoints]
-    for i, (earlier, later) in enumerate(pairwise(times), start=1):
-        if later < earlier:
-            _refuse(
-                f"job.waypoints.{i}.time", later, f"earlier than the waypoint before, {earlier:g}"
-            )
-    if times and times[0] < job.settled_after:
-        why = f"earlier than job.settled_after = {job.settled_after:g}"
-        _refuse("job.waypoints.0.time", times[0], why)
-    swung = job.arm.start + job.arm.duration
-    for what, at in (
-        ("job.settled_after", job.settled_after),
-        ("the last waypoint", max(times, default=0.0)),
-        ("the end of the arm's swing", swung),
-    ):
-        if job.end <= at:
-            _refuse("job.end", job.end, f"not after {what}, {at:g}")
-    if scenario.backend in BODIES and control.period < plant.time_step:
-        _refuse("control.period", control.period, f"below plant.time_step = {plant.time_step:g}")
 
 
 def _refuse(key: str, value: float, why: str) -> None:

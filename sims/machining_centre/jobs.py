@@ -16,7 +16,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_centre.controller import make_controller
 from parapod.diagrams.machining_centre.drawing import draw_panel
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
-from parapod.diagrams.machining_centre.scenario import BODIES, CentreScenario
+from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.sims.lab.experiment import LoopExperiment, largest
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, ReadOut, Run, realtime_metric
@@ -116,16 +116,11 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
             ScenarioError: names the key.
             Refused: names the operation, and why it cannot be done.
         """
+        super().check(scenario)
         key, words = self.needed_key
         section, name = key.split(".")
         if getattr(getattr(scenario, section), name) == 0:
             raise ScenarioError(f"{key} = 0 {words}; it must be above 0", key)
-        period, step = scenario.control.period, scenario.plant.time_step
-        if scenario.backend in BODIES and period < step:
-            raise ScenarioError(
-                f"control.period = {period:g} s is below plant.time_step = {step:g} s",
-                "control.period",
-            )
         _ = scenario.plan
 
     def duration(self, scenario: CentreScenario) -> float:

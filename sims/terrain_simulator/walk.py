@@ -132,6 +132,7 @@ class BenchWalking(BenchExperiment[TerrainBenchScenario, Run]):
             PathRefused: a limit of the bench, when, and the largest admissible speed.
             UnreachableFoot: the leg does not reach.
         """
+        super().check(scenario)
         check_bench(scenario)
 
     def duration(self, scenario: TerrainBenchScenario) -> float:
@@ -194,12 +195,7 @@ class BenchWalking(BenchExperiment[TerrainBenchScenario, Run]):
 
 def check_bench(scenario: TerrainBenchScenario) -> None:
     """Refuses a walk that bench or leg cannot do; see `BenchWalking.check`."""
-    period, step = scenario.control.period, scenario.plant.time_step
-    if scenario.backend in BODIES and period < step:
-        raise ScenarioError(
-            f"control.period = {period:g} s is below plant.time_step = {step:g} s",
-            "control.period",
-        )
+    period = scenario.control.period
     if scenario.backend in BODIES and period > _LONGEST:
         raise ScenarioError(
             f"control.period = {period:g} s is too long for a leg, whose foot would rattle on the "

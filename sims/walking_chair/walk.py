@@ -28,7 +28,7 @@ from parapod.diagrams.style import BOUND, COLOURS
 from parapod.diagrams.walking_chair.controller import make_controller
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.plants import ChairPlant
-from parapod.diagrams.walking_chair.scenario import BODIES, SIMULATED, ChairScenario
+from parapod.diagrams.walking_chair.scenario import SIMULATED, ChairScenario
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut, Run, realtime_metric
@@ -36,7 +36,6 @@ from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer, stay_live
 from parapod.sims.output.figures import Figure, draw_bound
 from parapod.sims.output.results import Metric
 from parapod.systems.core.controls import shown
-from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.checks import check_forces, check_gait, walk_forces
@@ -99,7 +98,15 @@ class ChairExperiment[D](LoopExperiment[ChairScenario, D]):
             StrokeExceeded, SpeedExceeded, ForceExceeded: the gait is more than a branch can do.
             SupportLost: the passenger would come too close to tipping the chair over.
         """
-        check_walk(scenario)
+        super().check(scenario)
+        walk, passenger = scenario.walk, scenario.passenger.passenger
+        machine, drives = scenario.machine, scenario.machine.drives
+        for gait in walk.gaits:
+            check_gait(machine.geometry, gait, 1e-3 * drives.max_velocity_mm_s)
+        required = 1e-3 * scenario.control.support_margin_mm
+        GaitSupport(machine.geometry, walk, machine.masses).check(passenger, required)
+        limit, stiffness = drives.max_force_N, drives.stiffness
+        check_forces(machine.geometry, walk, passenger, machine.masses, limit, stiffness)
 
     def duration(self, scenario: ChairScenario) -> float:
         """Standing, walk, standing [s]."""
@@ -450,31 +457,6 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
         draw,
         (9.0, 3.2),
     )
-
-
-def check_walk(scenario: ChairScenario) -> None:
-    """Refuses a walk before the first step.
-
-    Raises:
-        ScenarioError: names the key.
-        StrokeExceeded, SpeedExceeded, ForceExceeded: the gait is more than a branch can do.
-        SupportLost: the passenger would come too close to tipping the chair over.
-    """
-    plant, control = scenario.plant, scenario.control
-    if scenario.backend in BODIES and control.period < plant.time_step:
-        raise ScenarioError(
-            f"control.period = {control.period:g} s is below plant.time_step = "
-            f"{plant.time_step:g} s",
-            "control.period",
-        )
-    walk, passenger = scenario.walk, scenario.passenger.passenger
-    machine, drives = scenario.machine, scenario.machine.drives
-    for gait in walk.gaits:
-        check_gait(machine.geometry, gait, 1e-3 * drives.max_velocity_mm_s)
-    required = 1e-3 * control.support_margin_mm
-    GaitSupport(machine.geometry, walk, machine.masses).check(passenger, required)
-    limit, stiffness = drives.max_force_N, drives.stiffness
-    check_forces(machine.geometry, walk, passenger, machine.masses, limit, stiffness)
 
 
 _HELP = (

@@ -20,7 +20,6 @@ from parapod.sims.walking_chair.walk import (
     ChairWalk,
     LiveChair,
     body_desired,
-    check_walk,
     lengths_desired,
 )
 from parapod.systems.core.scenario_file import load_scenario
@@ -158,7 +157,7 @@ def test_the_kinematic_plant_walks_there_and_back_in_the_other_order(execute):
 
 def test_a_passenger_beyond_the_margin_is_refused_in_millimetres():
     with pytest.raises(SupportLost) as caught:
-        check_walk(scenario_with("passenger.x_mm=100", "passenger.y_mm=50"))
+        ChairWalk("chair-walk").check(scenario_with("passenger.x_mm=100", "passenger.y_mm=50"))
     text = str(caught.value)
     assert f"{1e3 * caught.value.margin:.1f} mm" in text
     assert caught.value.margin < 0.0
