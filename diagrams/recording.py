@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.errors import ParapodError
 
@@ -89,3 +89,13 @@ class Recording(Mapping[str, Floats]):
         from parapod.diagrams.chart import plot_signals
 
         return plot_signals(self.time, self.signals, self.units, plots or tuple(self))
+
+
+def spans(flags: ArrayLike) -> list[tuple[int, int]]:
+    """Intervals of samples in which flags are up: the first one, and the one after the last.
+
+    Args:
+        flags: (n) flags.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], np.asarray(flags, dtype=int), [0]))))
+    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

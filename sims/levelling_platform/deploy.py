@@ -40,6 +40,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     PlatformFault,
     emulated_hardware,
 )
+from parapod.diagrams.recording import spans
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout
 from parapod.sims.lab.run import Monitor, Run, realtime_metric
@@ -502,8 +503,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
 
 def _longest(flags: NDArray[np.bool_]) -> int:
     """Length of the longest run of true flags."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False]))))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
+    return max((end - begin for begin, end in spans(flags)), default=0)
 
 
 def _smallest(values: NDArray[np.float64]) -> float:

@@ -21,7 +21,7 @@ from parapod.sims.lab.experiment import LoopExperiment, largest
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, ReadOut, Run, realtime_metric
 from parapod.sims.lab.runner import Live, Runner, make_viewer, stay_live
-from parapod.sims.output.figures import Figure
+from parapod.sims.output.figures import Figure, shade
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import value_of
@@ -299,11 +299,7 @@ def shade_phases(axes: "Axes", run: Run) -> None:
     """Shades the times of machining, swings and reconfigurations."""
     phase = run["phase"][:, 0]
     for kind, colour in _SHADES.items():
-        inside = np.concatenate(([False], phase == kind, [False]))
-        edges = np.flatnonzero(np.diff(inside.astype(int)))
-        for begin, end in edges.reshape(-1, 2):
-            last = run.time[min(end, len(run.time) - 1)]
-            axes.axvspan(run.time[begin], last, color=colour, alpha=0.12, lw=0, zorder=0)
+        shade(axes, run.time, phase == kind, color=colour, alpha=0.12, lw=0)
 
 
 _HELP = (

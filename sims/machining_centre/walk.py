@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from parapod.diagrams.machining_centre.scenario import CentreScenario
+from parapod.diagrams.recording import spans
 from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.run import Run
 from parapod.sims.machining_centre.jobs import (
@@ -158,12 +159,12 @@ def _switched(run: Run, feet: Array) -> tuple[float, float, float]:
     drift = jump = sink = 0.0
     locked, joints = run["locks.closed"] > 0.5, run["truth.joints"]
     for k in range(locked.shape[1]):
-        for begin, end in _spans(locked[:, k]):
+        for begin, end in spans(locked[:, k]):
             drift = max(drift, float(np.ptp(joints[begin:end, k])))
     clamped = run["clamps.closed"] > 0.5
     samples = max(1, round(_AFTER / float(np.median(np.diff(run.time)))))
     for i in range(clamped.shape[1]):
-        for begin, end in _spans(~clamped[:, i]):
+        for begin, end in spans(~clamped[:, i]):
             after = feet[end : end + samples, i, :3]
             if len(after):
                 jump = max(jump, float(np.linalg.norm(after - after[0], axis=-1).max()))
@@ -173,12 +174,6 @@ def _switched(run: Run, feet: Array) -> tuple[float, float, float]:
             if len(way):
                 sink = max(sink, float(np.linalg.norm(way, axis=-1).max()))
     return drift, jump, sink
-
-
-def _spans(flags: Any) -> list[tuple[int, int]]:
-    """Beginnings and ends of runs of true flags."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
-    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
 
 def _draw(scenario: CentreScenario, run: Run, canvas: "Canvas") -> None:

@@ -10,6 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from parapod.diagrams.recording import spans
 from parapod.diagrams.style import BOUND, style
 from parapod.sims.output.atomic import atomic_output, check_folder
 from parapod.systems.core.errors import OutputError
@@ -54,6 +58,20 @@ def draw_bound(axes: "Axes", bound: float | None, of: str = "bound") -> None:
     axes.set_ylim(min(low, -margin) if is_signed else low, max(high, margin))
     for side in (-bound, bound) if is_signed else (bound,):
         axes.axhline(side, **BOUND)
+
+
+def shade(axes: "Axes", time: ArrayLike, flags: ArrayLike, **look: Any) -> None:
+    """Shades the times at which flags are up, behind the curves.
+
+    Args:
+        axes: axes over time.
+        time: (n) times of the samples, in the axes' unit.
+        flags: (n) flags.
+        look: look of the shades, as Matplotlib's `axvspan` has it.
+    """
+    times = np.asarray(time)
+    for begin, end in spans(flags):
+        axes.axvspan(times[begin], times[min(end, len(times) - 1)], zorder=0, **look)
 
 
 @dataclass(frozen=True)

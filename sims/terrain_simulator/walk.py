@@ -33,7 +33,7 @@ from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.lab.runner import make_viewer, stay_live
-from parapod.sims.output.figures import Figure
+from parapod.sims.output.figures import Figure, shade
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
@@ -331,11 +331,8 @@ def steady_part(walk: BenchWalk, time: Array) -> NDArray[np.bool_]:
 def _draw(scenario: TerrainBenchScenario, run: Run, canvas: "Canvas") -> None:
     axes: Any = canvas.subplots(2, 2, sharex=True)
     desired = scenario.walk.at(run.time)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], desired.stance, [0]))))
-    for begin, end in edges.reshape(-1, 2):
-        for plot in axes.ravel():
-            until = run.time[min(end, len(run.time) - 1)]
-            plot.axvspan(run.time[begin], until, color="0.5", alpha=0.12, lw=0, zorder=0)
+    for plot in axes.ravel():
+        shade(plot, run.time, desired.stance, color="0.5", alpha=0.12, lw=0)
     for i, name in enumerate(("along", "upwards")):
         force = run["truth.foot_force"][:, i]
         axes[0, 0].plot(run.time, force, color=COLOURS[1 - i], lw=0.9, label=name)

@@ -33,7 +33,7 @@ from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut, Run, realtime_metric
 from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer, stay_live
-from parapod.sims.output.figures import Figure, draw_bound
+from parapod.sims.output.figures import Figure, draw_bound, shade
 from parapod.sims.output.results import Metric
 from parapod.systems.core.controls import shown
 from parapod.systems.core.ports import value_of
@@ -345,10 +345,7 @@ def _controller_metrics(
 
 def _shade_swings(axes: "Axes", time: NDArray[np.float64], signals: Signals) -> None:
     """Shades the times at which two feet are in the air."""
-    swings = signals["support"].min(axis=1) < 0.5
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], swings, [False])).astype(int)))
-    for begin, end in edges.reshape(-1, 2):
-        axes.axvspan(time[begin], time[min(end, len(time) - 1)], color="0.93", zorder=0)
+    shade(axes, time, signals["support"].min(axis=1) < 0.5, color="0.93")
 
 
 def _body_bound(scenario: ChairScenario) -> float:

@@ -1,7 +1,9 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from parapod.diagrams.recording import Recording
+from parapod.diagrams.recording import Recording, spans
 from parapod.systems.core.errors import ParapodError
 
 TIME = np.array([0.0, 1.0])
@@ -41,3 +43,11 @@ def test_signals_share_a_plot_and_elements_are_chosen():
         recording.plot("a[2]")
     with pytest.raises(ParapodError, match="no signal 'c' in the recording"):
         recording.plot("c")
+
+
+@pytest.mark.parametrize("flags", ["", "0", "1", "0110", "1011", "111", "01010"])
+def test_spans_are_as_long_as_can_be_and_hold_all_samples_whose_flags_are_up(flags):
+    up = [flag == "1" for flag in flags]
+    found = spans(up)
+    assert [k for begin, end in found for k in range(begin, end)] == np.flatnonzero(up).tolist()
+    assert all(end < begin for (_, end), (begin, _) in pairwise(found))
