@@ -35,7 +35,7 @@ from parapod.diagrams.own_controller import OWN, own_name
 from parapod.diagrams.plots import Limits
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run
-from parapod.sims.lab.runner import Runner, make_viewer, write_graphviz
+from parapod.sims.lab.runner import Live, Runner, make_viewer, stay_live, write_graphviz
 from parapod.sims.output.drawn import DrawnLog, LogDrawing
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.logs.files import check_log, write_experiment_log
@@ -301,9 +301,11 @@ class LoopExperiment[S, D](Experiment[S, D]):
         machine: the machine.
         signals: ports whose signals are measured and drawn; all are recorded for a log. Truth is
             left out where the machine is not simulated.
+        advice: purpose of the controls after the run, a sentence or two.
     """
 
     takes_controller = True
+    advice: ClassVar[str] = ""
     machine: ClassVar[Machine[Any]]
     signals: ClassVar[Sequence[str]] = ()
 
@@ -349,13 +351,16 @@ class LoopExperiment[S, D](Experiment[S, D]):
             return None
         return self.machine.structure(self.machine_scenario(scenario))
 
-    def operated(self, scenario: S, controls: Any) -> ClosedLoop[Any] | None:
+    def operated(
+        self, scenario: S, controls: Any, meshcat: Meshcat | None = None
+    ) -> ClosedLoop[Any] | None:
         """Builds the loop that a person operates, or None.
 
         Args:
             scenario: the scenario.
             controls: the person's sliders and buttons: a `Panel`, or one with its methods.
                 Sources of commands with `shown()` add theirs when that is entered.
+            meshcat: scene in which a simulated machine is drawn; None: none.
         """
         return None
 
@@ -369,9 +374,13 @@ class LoopExperiment[S, D](Experiment[S, D]):
 
     def live(
         self, scenario: S, panel: Panel, run: Run, console: Console
-    ) -> Callable[[], None] | None:
-        """Work that lets the viewer move the machine after the run, or None."""
-        return None
+    ) -> Callable[[], str] | None:
+        """Work that lets the viewer move the machine after the run, or None.
+
+        It goes on until a button is clicked, and returns which; that of `operated` by default.
+        """
+        loop = self.operated(scenario, panel, panel.meshcat)
+        return None if loop is None else Live(panel, loop, self.read_out).obey
 
     def run(self, scenario: S, runner: Runner) -> D:
         """Runs the closed loop, watched and recorded as the options ask."""
@@ -449,7 +458,8 @@ class LoopExperiment[S, D](Experiment[S, D]):
             live = None
         if live is None:
             run.panel.close()
-        return live
+            return None
+        return partial(stay_live, run.panel, live, options.console, self.advice)
 
     def needed(self, scenario: S) -> tuple[str, ...]:
         """Names of the signals to record: `signals`, without truth that is not there."""

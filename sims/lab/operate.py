@@ -3,7 +3,6 @@
 import socket
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from typing import Any
 
 from pydrake.systems.analysis import Simulator
@@ -15,6 +14,7 @@ from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.runner import (
     LOOK_PERIOD,
+    controls_shown,
     in_real_time,
     read_what_there_is,
     refuse_deaf,
@@ -69,10 +69,7 @@ def operate(
         loop = experiment.operated(scenario, desk)
         assert loop is not None
         refuse_deaf(loop)
-        with ExitStack() as stack:
-            for source in loop.sources:
-                if hasattr(source, "shown"):
-                    stack.enter_context(source.shown())
+        with controls_shown(loop):
             desk.AddButton(END)
             _wait_for_page(desk, options)
             try:

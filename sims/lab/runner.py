@@ -5,7 +5,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
@@ -357,6 +357,16 @@ def refuse_deaf(loop: ClosedLoop[Any]) -> None:
         )
 
 
+@contextmanager
+def controls_shown(loop: ClosedLoop[Any]) -> Iterator[None]:
+    """Shows sliders and buttons of a loop's sources, and takes them away at the end."""
+    with ExitStack() as stack:
+        for source in loop.sources:
+            if hasattr(source, "shown"):
+                stack.enter_context(source.shown())
+        yield
+
+
 def _is_ended(look: Monitor | None, root_context: Context) -> bool:
     """Whether a monitor would end a run."""
     going_on = (EventStatus.Severity.kDidNothing, EventStatus.Severity.kSucceeded)
@@ -419,6 +429,16 @@ class Live:
     def signal(self, system: System, port: str) -> NDArray[np.float64]:
         """Present value of a port of one of the loop's systems."""
         return value_of(system, port, self.simulator.get_context())
+
+    def shown(self) -> AbstractContextManager[None]:
+        """Shows what a person operates it by, and takes it away at the end."""
+        return controls_shown(self.loop)
+
+    def obey(self) -> str:
+        """Begins, and obeys a person in real time until a button is clicked; returns which."""
+        self.begin()
+        with self.shown():
+            return self.go_on()
 
     def go_on(self) -> str:
         """Goes on in real time until a person clicks "Restart" or "End"; returns which."""

@@ -13,7 +13,7 @@ and pitch within .11 deg, height within .22 mm, no finding without a fault. On f
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
-from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.hardware_scenario import HardwareScenario
@@ -42,9 +41,9 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.diagrams.recording import spans
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.panel import Panel, Readout
+from parapod.sims.lab.panel import Readout
 from parapod.sims.lab.run import Monitor, Run, realtime_metric
-from parapod.sims.lab.runner import Runner, stay_live
+from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.levelling import (
     AXES,
     error_metrics,
@@ -52,7 +51,6 @@ from parapod.sims.levelling_platform.levelling import (
     make_scene,
 )
 from parapod.sims.levelling_platform.operation import (
-    LiveOperation,
     OperationWatch,
     PhaseLabel,
     operated_platform,
@@ -92,12 +90,6 @@ _VOLTAGE_STEP = 0.5 / 12.0
 def uneven_ground() -> GroundScenario:
     """Ground that is inclined, and higher under three of the feet."""
     return GroundScenario(2.0, 3.0, [20.0, 0.0, 12.0, 5.0])
-
-
-_HELP = (
-    "Operate the platform in the browser: drive it, 'Go' lowers its legs and levels it, 'Stop' "
-    "raises them, 'Reset' ends a fault."
-)
 
 
 @dataclass
@@ -254,6 +246,10 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         "findings",
     )
     takes = "20 s"
+    advice = (
+        "Operate the platform in the browser: drive it, 'Go' lowers its legs and levels it, "
+        "'Stop' raises them, 'Reset' ends a fault."
+    )
 
     def duration(self, scenario: DeployScenario) -> float:
         """End of an operation that does not come to its end [s]."""
@@ -263,9 +259,11 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         """See `LoopExperiment`."""
         return scenario.levelling
 
-    def operated(self, scenario: DeployScenario, controls: Any) -> ClosedLoop[LevellingScenario]:
+    def operated(
+        self, scenario: DeployScenario, controls: Any, meshcat: Meshcat | None = None
+    ) -> ClosedLoop[LevellingScenario]:
         """A person in place of the script."""
-        return operated_platform(scenario.levelling, scenario.posture[2], controls)
+        return operated_platform(scenario.levelling, scenario.posture[2], controls, meshcat)
 
     def loop(self, scenario: DeployScenario, **options: Any) -> ClosedLoop[LevellingScenario]:
         """The machine with its supervisor and an operator."""
@@ -331,13 +329,6 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Phase, posture, margin, faults and refusals."""
         return read_operation(loop, root_context)
-
-    def live(
-        self, scenario: DeployScenario, panel: Panel, run: Run, console: Console
-    ) -> Callable[[], None] | None:
-        """A person operates the platform."""
-        live = LiveOperation(scenario.levelling, scenario.posture[2], panel)
-        return partial(stay_live, panel, live.operate, console, _HELP)
 
     def draw(self, scenario: DeployScenario, data: Operation) -> Iterable[Figure]:
         """The operation over time, and its legs."""

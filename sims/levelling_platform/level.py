@@ -7,7 +7,6 @@ after the other, and holds while the arm swings.
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,9 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import BODIES, JobScenario, LevellingScenario
 from parapod.sims.lab.panel import Panel
 from parapod.sims.lab.run import Run, realtime_metric
-from parapod.sims.lab.runner import RESTART, stay_live
+from parapod.sims.lab.runner import RESTART
 from parapod.sims.levelling_platform.levelling import (
     AS_MEASURED,
-    LIVE_HELP,
     LevellingExperiment,
     LivePlatform,
     in_deg_and_mm,
@@ -63,6 +61,10 @@ class Level(LevellingExperiment[Run]):
     # Truth is known of simulated machines only; of others what they measure.
     signals = _NEEDED
     takes = "10 s"
+    advice = (
+        "Move the platform with the sliders in the browser, as far as its legs reach on this "
+        "ground."
+    )
 
     def measure(self, scenario: LevellingScenario, run: Run) -> Iterator[Metric]:
         """Errors beside what the paper's closed loop stayed within."""
@@ -102,19 +104,19 @@ class Level(LevellingExperiment[Run]):
 
     def live(
         self, scenario: LevellingScenario, panel: Panel, run: Run, console: Console
-    ) -> Callable[[], None] | None:
+    ) -> Callable[[], str]:
         """Sliders move the platform; "Restart" runs the job again."""
 
         def live() -> str:
             platform.level(console)
-            with platform.sliders.shown():
+            with platform.shown():
                 button = platform.go_on()
             if button == RESTART:
                 run.again()
             return button
 
         platform = LivePlatform(scenario, panel, self.read_out)
-        return partial(stay_live, panel, live, console, LIVE_HELP)
+        return live
 
 
 def _scale(run: Run) -> float:

@@ -262,11 +262,6 @@ def _limits(errors: NDArray[np.float64]) -> tuple[float, float] | None:
     return (low - margin, high + margin) if margin > 0.0 else None
 
 
-LIVE_HELP = (
-    "Move the platform with the sliders in the browser, as far as its legs reach on this ground."
-)
-
-
 class LivePlatform(Live):
     """The scenario's platform, which levels itself and then obeys sliders.
 
@@ -281,13 +276,13 @@ class LivePlatform(Live):
         scenario.job.arm.angle_deg = 0.0
         self._job = scenario.job
         geometry = scenario.geometry_as_known
-        self.sliders = PostureSliders(panel, scenario.level_height, geometry)
+        sliders = PostureSliders(panel, scenario.level_height, geometry)
         loop = ClosedLoop(
             PLATFORM,
             scenario,
             meshcat=panel.meshcat,
             controller=partial(make_controller, on_unreachable="clamp"),
-            sources=(self.sliders, *make_job_sources(scenario)),
+            sources=(sliders, *make_job_sources(scenario)),
             log=(),
         )
         super().__init__(panel, loop, read_out)

@@ -14,8 +14,7 @@ from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.runner import Live
+from parapod.sims.lab.panel import Readout, Row
 from parapod.sims.levelling_platform.levelling import read_posture
 from parapod.systems.core.controls import Controls
 from parapod.systems.core.errors import RefusedRequest, UnreachablePosture
@@ -245,6 +244,8 @@ def operated_platform(
         controls: the person's sliders and buttons.
         meshcat: scene in which a simulated platform is drawn; None for no drawing.
     """
+    if meshcat is not None:
+        meshcat.Delete(_PATH)  # the word of a recording
     return ClosedLoop(
         PLATFORM,
         machine,
@@ -253,28 +254,6 @@ def operated_platform(
         sources=(OperatorControls(controls, height, machine.geometry_as_known, period=0.02),),
         log=(),
     )
-
-
-class LiveOperation(Live):
-    """The platform, operated by a person.
-
-    Args:
-        machine: the platform, which begins on its wheels.
-        height: height of the posture that is asked for at first [m].
-        panel: the page with the scene and the controls.
-    """
-
-    def __init__(self, machine: LevellingScenario, height: float, panel: Panel):
-        loop = operated_platform(machine, height, panel, meshcat=panel.meshcat)
-        (self.operator,) = loop.sources
-        super().__init__(panel, loop, read_operation)
-
-    def operate(self) -> str:
-        """Obeys the operator in real time until the live phase is over; returns the button."""
-        self.panel.meshcat.Delete(_PATH)  # the word of a recording
-        self.begin()
-        with self.operator.shown():
-            return self.go_on()
 
 
 def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:

@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
-from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_centre.controller import make_controller
@@ -18,9 +17,9 @@ from parapod.diagrams.machining_centre.drawing import draw_panel
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.sims.lab.experiment import LoopExperiment, largest
-from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.run import Monitor, ReadOut, Run, realtime_metric
-from parapod.sims.lab.runner import Live, Runner, make_viewer, stay_live
+from parapod.sims.lab.panel import Readout, Row
+from parapod.sims.lab.run import Monitor, Run, realtime_metric
+from parapod.sims.lab.runner import Runner, make_viewer
 from parapod.sims.output.figures import Figure, shade
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ParapodError, ScenarioError
@@ -80,6 +79,10 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
     schema = CentreScenario
     backends = MACHINING_CENTRE.backends
     signals = SIGNALS
+    advice = (
+        "Move the platform with the sliders in the browser; hold a button to lift a foot, again "
+        "and again."
+    )
     needed_key: ClassVar[tuple[str, str]]
     picture: ClassVar[tuple[str, str, str, tuple[float, float]]]
 
@@ -146,16 +149,16 @@ class CentreJob(LoopExperiment[CentreScenario, Run]):
 
         return self.run_loop(scenario, runner, monitor=until_done)
 
-    def operated(self, scenario: CentreScenario, controls: Any) -> ClosedLoop[CentreScenario]:
+    def operated(
+        self, scenario: CentreScenario, controls: Any, meshcat: Meshcat | None = None
+    ) -> ClosedLoop[CentreScenario]:
         """The centre without a job: a person moves its platform and lifts its feet."""
-        return operated_loop(scenario, controls)
-
-    def live(
-        self, scenario: CentreScenario, panel: Panel, run: Run, console: Console
-    ) -> Callable[[], None] | None:
-        """Sliders move the platform, buttons lift feet."""
-        centre = LiveCentre(scenario, panel, self.read_out)
-        return partial(stay_live, panel, centre.work, console, _HELP)
+        idle = copy.deepcopy(scenario)
+        idle.holes.count, idle.walk.advance_mm, idle.stop_at = 0, 0.0, None
+        source = CentreControls(controls, idle.machine.geometry, idle.plan.beginning.pose)
+        controller = partial(make_controller, is_operated=True)
+        parts: Any = {"controller": controller, "sources": (source,)}
+        return ClosedLoop(MACHINING_CENTRE, idle, meshcat=meshcat, log=(), **parts)
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Phase, error and margin."""
@@ -300,48 +303,3 @@ def shade_phases(axes: "Axes", run: Run) -> None:
     phase = run["phase"][:, 0]
     for kind, colour in _SHADES.items():
         shade(axes, run.time, phase == kind, color=colour, alpha=0.12, lw=0)
-
-
-_HELP = (
-    "Move the platform with the sliders in the browser; hold a button to lift a foot, again and "
-    "again."
-)
-
-
-def operated_loop(
-    scenario: CentreScenario, controls: Any, meshcat: Meshcat | None = None
-) -> ClosedLoop[CentreScenario]:
-    """A centre without a job, whose platform and feet a person moves.
-
-    Args:
-        scenario: scenario of the centre.
-        controls: owner of sliders and buttons.
-        meshcat: scene in which it is drawn; None: none.
-    """
-    idle = copy.deepcopy(scenario)
-    idle.holes.count, idle.walk.advance_mm, idle.stop_at = 0, 0.0, None
-    source = CentreControls(controls, idle.machine.geometry, idle.plan.beginning.pose)
-    controller = partial(make_controller, is_operated=True)
-    return ClosedLoop(
-        MACHINING_CENTRE, idle, controller=controller, sources=(source,), meshcat=meshcat, log=()
-    )
-
-
-class LiveCentre(Live):
-    """A centre that a person moves until another request.
-
-    Args:
-        scenario: scenario of the centre.
-        panel: the page with the scene.
-        read_out: says what the page shows.
-    """
-
-    def __init__(self, scenario: CentreScenario, panel: Panel, read_out: ReadOut):
-        loop = operated_loop(scenario, panel, panel.meshcat)
-        super().__init__(panel, loop, read_out)
-
-    def work(self) -> str:
-        """Obeys in real time until a person clicks a button; returns which."""
-        with self.loop.sources[0].shown():
-            self.begin()
-            return self.go_on()

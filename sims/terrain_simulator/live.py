@@ -1,72 +1,45 @@
 """The bench in a person's hands: sliders move the plate, buttons have the leg walk."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout
-from parapod.sims.lab.run import ReadOut
 from parapod.sims.lab.runner import END, RESTART, Live, in_real_time
 from parapod.sims.terrain_simulator.courses import COURSES, scenario_of
 from parapod.systems.core.controls import shown
 from parapod.systems.core.errors import ParapodError
-from parapod.systems.terrain_simulator.operator import BenchControls
 
-HELP = (
-    "Move the plate with the sliders in the browser; choose a speed, and click a terrain to have "
-    "the leg walk over it."
-)
 _SPEED = "speed [%]"
 # Fastest that a walk may be by the speed at which its terrain is usually walked [%].
 _FASTEST = 200.0
-
-
-def operated_loop(
-    scenario: TerrainBenchScenario, controls: Any, meshcat: Meshcat | None = None
-) -> ClosedLoop[TerrainBenchScenario]:
-    """A bench whose plate a person moves under a leg that stands.
-
-    Args:
-        scenario: scenario of the bench.
-        controls: owner of the sliders.
-        meshcat: scene in which it is drawn; None: none.
-    """
-    source = BenchControls(controls, scenario.walk, scenario.control.period)
-    return ClosedLoop(TERRAIN_BENCH, scenario, sources=(source,), meshcat=meshcat, log=())
 
 
 class LiveBench:
     """A bench that a person moves, and on which a leg walks on request, until another one.
 
     Args:
+        experiment: its hooks give the loops of the bench and refuse walks.
         scenario: scenario of the bench; its leg walks, over the terrains of the course.
         panel: the page with the scene.
-        read_out: says what the page shows.
-        check: refuses a walk that bench or leg cannot do.
-        walking: builds the loop of a walk.
     """
 
     def __init__(
         self,
+        experiment: LoopExperiment[TerrainBenchScenario, Any],
         scenario: TerrainBenchScenario,
         panel: Panel,
-        read_out: ReadOut,
-        check: Callable[[TerrainBenchScenario], None],
-        walking: Callable[..., ClosedLoop[Any]],
     ):
-        self._scenario, self._panel, self._read_out = scenario, panel, read_out
-        self._check, self._walking = check, walking
+        self._experiment, self._scenario, self._panel = experiment, scenario, panel
         self._terrains = ["level"] if scenario.machine.geometry.belt else list(COURSES)
         self._state = ""
         self._refusals: tuple[str, ...] = ()
 
-    def work(self) -> str:
+    def obey(self) -> str:
         """Obeys in real time until a person clicks a button; returns which."""
         speed = (_SPEED, 10.0, _FASTEST, 5.0, 100.0)
         with shown(self._panel, [speed], (*self._terrains, RESTART, END)):
@@ -88,17 +61,18 @@ class LiveBench:
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Numbers, with what the leg does, and why it does not walk."""
-        readings = self._read_out(loop, root_context)
+        readings = self._experiment.read_out(loop, root_context)
         state = f"{self._state}, {readings.state}" if readings.state else self._state
         return replace(readings, state=state, remarks=(*self._refusals, *readings.remarks))
 
     def _stand(self) -> str:
         """Lets the sliders move the plate until a button is obeyed; returns which."""
         self._state = "stands"
-        loop = operated_loop(self._scenario, self._panel, self._panel.meshcat)
+        loop = self._experiment.operated(self._scenario, self._panel, self._panel.meshcat)
+        assert loop is not None
         live = Live(self._panel, loop, self.read_out)
         clicks = {name: self._panel.GetButtonClicks(name) for name in self._terrains}
-        with loop.sources[0].shown():
+        with live.shown():
             live.begin()
             with in_real_time(live.simulator):
                 while True:
@@ -118,7 +92,7 @@ class LiveBench:
         """Whether the leg can walk over a terrain; the page says why not."""
         self._refusals = ()
         try:
-            self._check(self._asked(terrain))
+            self._experiment.check(self._asked(terrain))
         except ParapodError as error:
             self._refusals = (f"no walk over {terrain}: {error}",)
         return not self._refusals
@@ -127,7 +101,7 @@ class LiveBench:
         """Walks over a terrain to its end."""
         scenario = self._asked(terrain)
         self._state = f"walks over {terrain} at {scenario.gait.speed_m_s:.2f} m/s"
-        loop = self._walking(scenario, meshcat=self._panel.meshcat, log=())
+        loop = self._experiment.loop(scenario, meshcat=self._panel.meshcat, log=())
         live = Live(self._panel, loop, self.read_out)
         live.begin()
         until = scenario.walk.duration + scenario.end

@@ -32,13 +32,15 @@ from parapod.diagrams.terrain_simulator.scenario import BODIES, TerrainBenchScen
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Run, realtime_metric
-from parapod.sims.lab.runner import make_viewer, stay_live
+from parapod.sims.lab.runner import make_viewer
 from parapod.sims.output.figures import Figure, shade
 from parapod.sims.output.results import Metric
+from parapod.sims.terrain_simulator.live import LiveBench
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.kinematics import slider_rates
+from parapod.systems.terrain_simulator.operator import BenchControls
 from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion, check_walk
 
 if TYPE_CHECKING:
@@ -123,6 +125,10 @@ class BenchWalking(BenchExperiment[TerrainBenchScenario, Run]):
     # Drives whose set values come every 10 ms give up at more than 2 m/s of a slider.
     on_devices = ("control.period=0.01", "gait.speed_m_s=0.8", "gait.frequency_Hz=1")
     takes = "10 s"
+    advice = (
+        "Move the plate with the sliders in the browser; choose a speed, and click a terrain to "
+        "have the leg walk over it."
+    )
 
     def check(self, scenario: TerrainBenchScenario) -> None:
         """Refuses a walk before anything moves.
@@ -139,20 +145,18 @@ class BenchWalking(BenchExperiment[TerrainBenchScenario, Run]):
         """Until the leg has stood a while [s]."""
         return scenario.walk.duration + scenario.end
 
-    def operated(self, scenario: TerrainBenchScenario, controls: Any) -> ClosedLoop[Any]:
+    def operated(
+        self, scenario: TerrainBenchScenario, controls: Any, meshcat: Meshcat | None = None
+    ) -> ClosedLoop[Any]:
         """The bench in a person's hands, its leg standing."""
-        from parapod.sims.terrain_simulator.live import operated_loop
-
-        return operated_loop(scenario, controls)
+        source = BenchControls(controls, scenario.walk, scenario.control.period)
+        return ClosedLoop(TERRAIN_BENCH, scenario, sources=(source,), meshcat=meshcat, log=())
 
     def live(
         self, scenario: TerrainBenchScenario, panel: Panel, run: Run, console: Console
-    ) -> Callable[[], None] | None:
+    ) -> Callable[[], str]:
         """Sliders move the plate, buttons have the leg walk."""
-        from parapod.sims.terrain_simulator.live import HELP, LiveBench
-
-        bench = LiveBench(scenario, panel, self.read_out, check_bench, walking_loop)
-        return partial(stay_live, panel, bench.work, console, HELP)
+        return LiveBench(self, scenario, panel).obey
 
     def measure(self, scenario: TerrainBenchScenario, run: Run) -> Iterator[Metric]:
         """Errors of the plate, forces on the foot and what binds them."""

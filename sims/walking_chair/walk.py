@@ -32,7 +32,7 @@ from parapod.diagrams.walking_chair.scenario import SIMULATED, ChairScenario
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import ReadOut, Run, realtime_metric
-from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer, stay_live
+from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer
 from parapod.sims.output.figures import Figure, draw_bound, shade
 from parapod.sims.output.results import Metric
 from parapod.systems.core.controls import shown
@@ -125,12 +125,18 @@ class ChairWalk(ChairExperiment[Run]):
     backends = CHAIR.backends
     signals = _NEEDED
     takes = "30 s"
+    advice = (
+        "The chair walks on, forward and back; move its passenger with the sliders in the "
+        "browser. Where the passenger would make it tip over it waits."
+    )
 
-    def operated(self, scenario: ChairScenario, controls: Any) -> ClosedLoop[ChairScenario]:
+    def operated(
+        self, scenario: ChairScenario, controls: Any, meshcat: Meshcat | None = None
+    ) -> ClosedLoop[ChairScenario]:
         """The walk, step by step while a person holds a button."""
         controller = partial(make_controller, is_operated=True)
-        sources = (ChairControls(controls),)
-        return ClosedLoop(CHAIR, scenario, controller=controller, sources=sources, log=())
+        parts: Any = {"controller": controller, "sources": (ChairControls(controls),)}
+        return ClosedLoop(CHAIR, scenario, meshcat=meshcat, log=(), **parts)
 
     def measure(self, scenario: ChairScenario, run: Run) -> Iterator[Metric]:
         """Errors of body and branches, forces, payload and margin.
@@ -180,10 +186,9 @@ class ChairWalk(ChairExperiment[Run]):
 
     def live(
         self, scenario: ChairScenario, panel: Panel, run: Run, console: Console
-    ) -> Callable[[], None] | None:
+    ) -> Callable[[], str]:
         """The chair walks on; sliders move its passenger."""
-        chair = LiveChair(scenario, panel, self.read_out)
-        return partial(stay_live, panel, chair.walk, console, _HELP)
+        return LiveChair(scenario, panel, self.read_out).obey
 
 
 def _refuse_held(scenario: ChairScenario, signals: Signals) -> None:
@@ -456,10 +461,6 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
     )
 
 
-_HELP = (
-    "The chair walks on, forward and back; move its passenger with the sliders in the browser. "
-    "Where the passenger would make it tip over it waits."
-)
 # Name, smallest and largest value, step: of the passenger's mass and place.
 _SLIDERS = (
     ("passenger [kg]", 20.0, 120.0, 1.0),
@@ -513,14 +514,8 @@ class LiveChair(Live):
         height = 1e-3 * self._scenario.passenger.height_mm
         return Passenger(mass, 1e-3 * x, 1e-3 * y, height)
 
-    def walk(self) -> str:
-        """Walks in real time until a person clicks a button; returns which."""
-        self.begin()
-        with self.sliders():
-            return self.go_on()
-
-    def sliders(self) -> AbstractContextManager[None]:
-        """Shows the sliders while it lasts."""
+    def shown(self) -> AbstractContextManager[None]:
+        """Shows the passenger's sliders, and takes them away at the end."""
         seat = self._scenario.passenger
         values = (min(max(seat.mass_kg, _SLIDERS[0][1]), _SLIDERS[0][2]), seat.x_mm, seat.y_mm)
         pairs = zip(_SLIDERS, values, strict=True)

@@ -18,10 +18,10 @@ from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.lab.panel import Panel
-from parapod.sims.lab.runner import END, RESTART, stay_live
+from parapod.sims.lab.runner import END, RESTART, Live, stay_live
 from parapod.sims.levelling_platform.deploy import DeployScenario
 from parapod.sims.levelling_platform.levelling import LivePlatform, read_posture
-from parapod.sims.levelling_platform.operation import LiveOperation
+from parapod.sims.levelling_platform.operation import operated_platform, read_operation
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
 from parapod.systems.levelling_platform.sliders import (
@@ -87,7 +87,7 @@ def platform(panel, console):
     """The platform, levelled, with its sliders shown."""
     platform = LivePlatform(brief(), panel, read_posture)
     platform.level(console)
-    with platform.sliders.shown():
+    with platform.shown():
         yield platform
 
 
@@ -193,7 +193,7 @@ def test_the_page_says_that_the_ground_is_not_known_and_that_a_command_is_clampe
     assert read(platform).state == "waiting for the estimate of the ground"
     assert {row.label: row for row in read(platform).rows}["height"].measured is None
     platform.level(console)
-    with platform.sliders.shown():
+    with platform.shown():
         # Both at once: neither slider knows yet of the other.
         platform.panel.SetSliderValue(ROLL, 7.0)
         platform.panel.SetSliderValue(PITCH, 7.0)
@@ -320,13 +320,14 @@ def held_until_let_go(monkeypatch):
 @pytest.mark.usefixtures("held_until_let_go")
 def test_a_platform_whose_operator_is_gone_holds_until_somebody_resets_it(panel, page, judge):
     scenario = load_scenario(DeployScenario, overrides=("backend=kinematic",))
-    live = LiveOperation(scenario.levelling, 0.47, panel)
+    loop = operated_platform(scenario.levelling, 0.47, panel, panel.meshcat)
+    live = Live(panel, loop, read_operation)
     live.begin()
 
     def phase():
         return Phase(int(live.signal(live.loop.controller, "phase")[0]))
 
-    with live.operator.shown():
+    with live.shown():
         live.advance(0.5)
         panel._obey({"button": "Go"})
         live.advance(2.0)
@@ -376,7 +377,8 @@ def test_a_person_operates_the_platform(panel, page, monkeypatch):
     monkeypatch.setattr(panel, "silence", lambda: 0.0)  # whatever a busy computer delays
     overrides = ("backend=kinematic", "ground.foot_heights_mm=[0, 0, 0, 0]")
     scenario = load_scenario(DeployScenario, overrides=overrides)
-    live = LiveOperation(scenario.levelling, 0.47, panel)
+    loop = operated_platform(scenario.levelling, 0.47, panel, panel.meshcat)
+    live = Live(panel, loop, read_operation)
     live.begin()
 
     def until(phase, longest=30.0):
@@ -384,7 +386,7 @@ def test_a_person_operates_the_platform(panel, page, monkeypatch):
             live.advance()
             assert live.simulator.get_context().get_time() < longest
 
-    with live.operator.shown():
+    with live.shown():
         hold(panel, "ahead")
         live.advance(1.0)
         shown = panel._state()
@@ -413,7 +415,7 @@ def test_a_person_operates_the_platform(panel, page, monkeypatch):
         until(Phase.TRANSPORT, 60.0)
 
 
-@pytest.mark.parametrize("name", ["level", "deploy", "chair-walk"])
+@pytest.mark.parametrize("name", ["level", "deploy", "chair-walk", "centre-walk", "bench-walk"])
 def test_what_can_be_moved_after_the_run_is_moved_on_its_page(name, panel):
     entry = find_entry(name)
     experiment = entry.load()

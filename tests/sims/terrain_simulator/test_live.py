@@ -9,9 +9,11 @@ from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.terrain_simulator.twin import BenchTwin
 from parapod.sims.lab.panel import Readout
-from parapod.sims.terrain_simulator.live import LiveBench, operated_loop
-from parapod.sims.terrain_simulator.walk import BenchWalking, check_bench, walking_loop
+from parapod.sims.terrain_simulator.live import LiveBench
+from parapod.sims.terrain_simulator.walk import BenchWalking, walking_loop
 from parapod.systems.terrain_simulator.kinematics import singularity
+
+WALKING = BenchWalking("bench-walk")
 
 
 class Sliders:
@@ -29,7 +31,7 @@ class Sliders:
 
 def test_the_plate_goes_where_the_sliders_are_and_the_leg_stays_on_it():
     sliders, scenario = Sliders(), TerrainBenchScenario()
-    loop = operated_loop(scenario, sliders)
+    loop = WALKING.operated(scenario, sliders)
     simulator = Simulator(loop)
     simulator.set_monitor(loop.monitor)
     root = simulator.get_mutable_context()
@@ -51,25 +53,26 @@ def test_the_plate_goes_where_the_sliders_are_and_the_leg_stays_on_it():
 
 
 def test_a_terrain_is_walked_at_the_speed_that_is_chosen():
-    bench = LiveBench(TerrainBenchScenario(), None, None, None, None)
+    bench = LiveBench(WALKING, TerrainBenchScenario(), None)
     slow, usual = (bench.walk_of("stairs up", share).gait.speed_m_s for share in (50.0, 100.0))
     assert usual == pytest.approx(0.435)
     assert slow == pytest.approx(0.5 * usual)
     belt = TerrainBenchScenario(machine=BenchDesign(configuration="treadmill"))
-    assert LiveBench(belt, None, None, None, None).walk_of("level", 50.0).gait.speed_m_s == 0.75
+    assert LiveBench(WALKING, belt, None).walk_of("level", 50.0).gait.speed_m_s == 0.75
 
 
-def test_a_walk_that_cannot_be_is_told_until_another_one_is_asked_for():
+def test_a_walk_that_cannot_be_is_told_until_another_one_is_asked_for(monkeypatch):
     sliders = Sliders()
     sliders.values["speed [%]"] = 200.0
     shown = Readout("slowed down to 3 %", remarks=("the cells are overloaded",))
     told = []
 
-    def read_out(*of):
+    def read_out(experiment, *of):
         told.append(of)
         return shown
 
-    bench = LiveBench(TerrainBenchScenario(), sliders, read_out, check_bench, None)
+    monkeypatch.setattr(BenchWalking, "read_out", read_out)
+    bench = LiveBench(WALKING, TerrainBenchScenario(), sliders)
     bench._state = "stands"
     assert not bench._may_walk("stairs up")
     page = bench.read_out("loop", "context")
@@ -90,7 +93,7 @@ def test_the_page_tells_pose_hip_force_and_way():
     simulator = Simulator(loop)
     simulator.set_monitor(loop.monitor)
     simulator.AdvanceTo(0.3)
-    shown = BenchWalking("bench-walk").read_out(loop, simulator.get_context())
+    shown = WALKING.read_out(loop, simulator.get_context())
     rows = {row.label: row for row in shown.rows}
     x, z, phi = scenario.walk.at(0.3).pose[0]
     for label, value, unit in (("x", 1e3 * x, "mm"), ("z", 1e3 * z, "mm"), ("phi", phi, "deg")):

@@ -204,7 +204,7 @@ def test_live_sliders_move_the_passenger_and_the_chair_waits(panel):
     def rows():
         return {row["label"]: row for row in panel._state()["rows"]}
 
-    with chair.sliders():
+    with chair.shown():
         chair.begin()
         for _ in range(10):
             chair.advance()
@@ -239,7 +239,7 @@ def test_the_chair_walks_on_until_told_to_stop(panel, click_after):
     scenario = scenario_with("backend=kinematic", "begin=0", "gait.way=forward")
     chair = LiveChair(scenario, panel, find_entry("chair-walk").load().read_out)
     click_after(chair, END, 0.3)
-    assert chair.walk() == END
+    assert chair.obey() == END
     assert 0.2 < chair.signal(chair.loop.controller, "gait_time")[0] < 0.4
 
 
