@@ -21,6 +21,8 @@ from parapod.sims.sheet.sheet import (
     Wrench,
     conditioning,
     entry,
+    extents,
+    polar_axes,
 )
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
@@ -221,23 +223,11 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
         """Volume that the tip reaches on level ground by the legs alone, arm upright."""
         return float(self._tips[1].sum())
 
-    @entry("Workspace of the arm's tip", "mm")
-    def tip_extent_x_mm(self) -> float:
-        """Extent along x."""
-        return self._extent(0)
-
-    @entry("Workspace of the arm's tip", "mm")
-    def tip_extent_y_mm(self) -> float:
-        """Extent along y."""
-        return self._extent(1)
-
-    @entry("Workspace of the arm's tip", "mm")
-    def tip_extent_z_mm(self) -> float:
-        """Extent along z."""
-        return self._extent(2)
-
-    def _extent(self, axis: int) -> float:
-        return 1e3 * float(np.ptp(self._edge_tips[:, axis]))
+    tip_extent_x_mm, tip_extent_y_mm, tip_extent_z_mm = extents(
+        "Workspace of the arm's tip",
+        ("Extent along x", "Extent along y", "Extent along z"),
+        lambda sheet: sheet._edge_tips,
+    )
 
     @cached_property
     def _edge(self) -> NDArray[np.float64]:
@@ -482,7 +472,7 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
         )
 
     def _draw_ranges(self, canvas: "Canvas") -> None:
-        axes: Any = canvas.add_subplot(projection="polar")
+        axes = polar_axes(canvas)
         azimuths = np.append(self._azimuths, 2.0 * math.pi)
         for colour, ranges, label in (
             (COLOURS[0], self._level_ranges, "levelled ground"),
@@ -492,7 +482,6 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
                 azimuths, np.degrees(np.append(ranges, ranges[0])), color=colour, label=label
             )
         axes.set_ylim(0.0)
-        axes.set_thetagrids(range(0, 360, 90), ("x", "y", "-x", "-y"))
         canvas.legend(loc="outside lower center", ncols=2)
 
     def _draw_tips(self, canvas: "Canvas") -> None:
@@ -504,6 +493,4 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
             hull = np.append(ConvexHull(flat).vertices, ConvexHull(flat).vertices[0])
             axes.fill(*flat[hull].T, color="#9FB8CE")
             axes.plot(*flat[hull].T, color="#5B7083", linewidth=1.0)
-            axes.set_xlabel(f"{name} [mm]")
-            axes.set_ylabel("z [mm]")
-            axes.set_aspect("equal")
+            axes.set(xlabel=f"{name} [mm]", ylabel="z [mm]", aspect="equal")

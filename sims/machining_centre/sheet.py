@@ -20,6 +20,8 @@ from parapod.sims.sheet.sheet import (
     Wrench,
     conditioning,
     entry,
+    extents,
+    polar_axes,
 )
 from parapod.systems.core.vectors import rotation_columns
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -163,23 +165,11 @@ class CentreSheet(Sheet[CentreScenario, CentreGeometry, CentreMasses]):
         """Volume that the upright platform's middle reaches, feet at home on a plane."""
         return len(self._places.place) * self._places.volume
 
-    @entry("Workspace of the platform", "mm")
-    def platform_extent_x_mm(self) -> float:
-        """Extent along x, towards limb 1."""
-        return self._extent(0)
-
-    @entry("Workspace of the platform", "mm")
-    def platform_extent_y_mm(self) -> float:
-        """Extent along y."""
-        return self._extent(1)
-
-    @entry("Workspace of the platform", "mm")
-    def platform_extent_z_mm(self) -> float:
-        """Extent upwards."""
-        return self._extent(2)
-
-    def _extent(self, axis: int) -> float:
-        return 1e3 * float(self._places.high[axis] - self._places.low[axis])
+    platform_extent_x_mm, platform_extent_y_mm, platform_extent_z_mm = extents(
+        "Workspace of the platform",
+        ("Extent along x, towards limb 1", "Extent along y", "Extent upwards"),
+        lambda sheet: np.stack((sheet._places.low, sheet._places.high)),
+    )
 
     # Panels.
 
@@ -399,14 +389,11 @@ class CentreSheet(Sheet[CentreScenario, CentreGeometry, CentreMasses]):
         axes.fill(way * np.cos(around), way * np.sin(around), color="#9FB8CE")
         axes.plot(way * np.cos(around), way * np.sin(around), color="#5B7083", linewidth=1.0)
         axes.plot(*(1e3 * self.geometry.footholds[:, :2].T), "k.")
-        axes.set_aspect("equal")
-        axes.set_xlabel("x [mm]")
-        axes.set_ylabel("y [mm]")
+        axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
 
     def _draw_tilt(self, canvas: "Canvas") -> None:
-        axes: Any = canvas.add_subplot(projection="polar")
+        axes = polar_axes(canvas)
         around = np.append(_AZIMUTHS, 2.0 * math.pi)
         tilts = np.degrees(tilt_range(self.geometry, self._panel, around))
         axes.plot(around, tilts, color=COLOURS[0])
         axes.set_ylim(0.0)
-        axes.set_thetagrids(range(0, 360, 90), ("x", "y", "-x", "-y"))

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from parapod.sims.output.figures import Figure
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.installed import installed
 from parapod.systems.core.quoting import did_you_mean
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
 
 GROUP = "parapod.sheets"
 # Components of a wrench.
@@ -58,6 +61,27 @@ def entry(group: str, unit: str = "") -> Callable[[Callable[[Any], float]], Any]
         unit: its unit; "" without one.
     """
     return partial(Entry, group=group, unit=unit)
+
+
+def extents(
+    group: str, meanings: Sequence[str], work: Callable[[Any], NDArray[np.float64]]
+) -> list[Any]:
+    """Entries of the extents of a workspace along x, y and z, in mm.
+
+    Args:
+        group: heading below which they stand.
+        meanings: first sentence of each, without the full stop.
+        work: works out lowest and highest places (2, 3) of a sheet [m].
+    """
+
+    def along(axis: int, meaning: str) -> Any:
+        def extent(sheet: Any) -> float:
+            return 1e3 * float(np.ptp(work(sheet)[:, axis]))
+
+        extent.__doc__ = meaning
+        return Entry(extent, group, "mm")
+
+    return [along(axis, meaning) for axis, meaning in enumerate(meanings)]
 
 
 @dataclass(frozen=True)
@@ -260,3 +284,10 @@ def conditioning(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     singular = np.linalg.svd(jacobian, compute_uv=False)
     return singular[..., -1] / singular[..., 0]
+
+
+def polar_axes(canvas: "Canvas") -> Any:
+    """Axes of a quantity that begins at zero, by the direction from above."""
+    axes: Any = canvas.add_subplot(projection="polar")
+    axes.set_thetagrids(range(0, 360, 90), ("x", "y", "-x", "-y"))
+    return axes

@@ -21,6 +21,8 @@ from parapod.sims.sheet.sheet import (
     Wrench,
     conditioning,
     entry,
+    extents,
+    polar_axes,
 )
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.checks import Stances, resting_forces, walked_stances
@@ -162,23 +164,11 @@ class ChairSheet(Sheet[ChairScenario, ChairGeometry, ChairMasses]):
         """Volume of places of a foot's middle, its leg leaning by up to 45 deg about each axis."""
         return float(self._places.volume.sum())
 
-    @entry("Workspace of a foot", "mm")
-    def foot_extent_x_mm(self) -> float:
-        """Extent to the sides."""
-        return self._extent(0)
-
-    @entry("Workspace of a foot", "mm")
-    def foot_extent_y_mm(self) -> float:
-        """Extent along the way that it walks."""
-        return self._extent(1)
-
-    @entry("Workspace of a foot", "mm")
-    def foot_extent_z_mm(self) -> float:
-        """Extent upwards."""
-        return self._extent(2)
-
-    def _extent(self, axis: int) -> float:
-        return 1e3 * float(np.ptp(self._places.place[:, axis]))
+    foot_extent_x_mm, foot_extent_y_mm, foot_extent_z_mm = extents(
+        "Workspace of a foot",
+        ("Extent to the sides", "Extent along the way that it walks", "Extent upwards"),
+        lambda sheet: sheet._places.place,
+    )
 
     # Ground and gait.
 
@@ -409,12 +399,11 @@ class ChairSheet(Sheet[ChairScenario, ChairGeometry, ChairMasses]):
         )
 
     def _draw_ranges(self, canvas: "Canvas") -> None:
-        axes: Any = canvas.add_subplot(projection="polar")
+        axes = polar_axes(canvas)
         azimuths = np.linspace(0.0, 2.0 * math.pi, 4 * _DIRECTIONS + 1)
         ranges = np.degrees(level_range(self.geometry, azimuths))
         axes.plot(azimuths, ranges, color=COLOURS[0])
         axes.set_ylim(0.0)
-        axes.set_thetagrids(range(0, 360, 90), ("x", "y", "-x", "-y"))
 
     def _draw_feet(self, canvas: "Canvas") -> None:
         leg = self.geometry.leg
@@ -427,9 +416,7 @@ class ChairSheet(Sheet[ChairScenario, ChairGeometry, ChairMasses]):
             axes.hexbin(*flat.T, ones, gridsize=(20, 12), cmap="Blues", vmin=0.0, vmax=2.5)
             axes.plot(*(1e3 * hanging[[across, 2]]), "k.")
             axes.grid(False)
-            axes.set_xlabel(f"{name} [mm]")
-            axes.set_ylabel("z [mm]")
-            axes.set_aspect("equal")
+            axes.set(xlabel=f"{name} [mm]", ylabel="z [mm]", aspect="equal")
 
 
 def _range(ends: tuple[float, float]) -> str:
