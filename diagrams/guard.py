@@ -2,8 +2,10 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -25,12 +27,14 @@ class Trip:
         sign: observation that shows it.
         distrusted: parts whose measurements may be wrong: what they show is remembered by no file.
         ends: true if the job is ended; false if its own supervisor reacts.
+        axis: part and number, from 0, of the axis that shows the sign; None for the whole machine.
     """
 
     name: str
     sign: str
     distrusted: tuple[str, ...] = ()
     ends: bool = True
+    axis: tuple[str, int] | None = None
 
 
 class Guard(Protocol):
@@ -60,11 +64,19 @@ class Guard(Protocol):
 
 
 class Tripped(ParapodError):
-    """A job that its guard has ended; the text names the reason and its sign."""
+    """A job that its guard has ended; the text names the reason and its sign.
 
-    def __init__(self, trip: Trip):
-        self.trip = trip
-        super().__init__(f"{trip.name}: {trip.sign}; the job has been ended")
+    Args:
+        trip: the reason.
+        axes: names of the machine's axes by part, as its declaration has them.
+    """
+
+    def __init__(self, trip: Trip, axes: Mapping[str, Sequence[str]] = MappingProxyType({})):
+        self.trip, who = trip, ""
+        if trip.axis is not None:
+            part, number = trip.axis
+            who = f"{axes[part][number]} "
+        super().__init__(f"{trip.name}: {who}{trip.sign}; the job has been ended")
 
 
 class Sign(NamedTuple):
@@ -74,31 +86,39 @@ class Sign(NamedTuple):
         words: words for it.
         persists: time for which it must last to end a job [s].
         distrusted: see `Trip`.
+        axis: number of the axis that shows it, from 0; None for the whole machine.
     """
 
     words: str
     persists: float
     distrusted: tuple[str, ...] = ()
+    axis: int | None = None
 
 
-class UsualLimits(Protocol):
-    """Limits of what is normal of all legs.
+@dataclass(frozen=True)
+class DriveLimits:
+    """Limits of what is normal of drives: design choices.
 
     Attributes:
-        fastest: speed of a leg [m/s].
+        following: largest distance of an axis from where it was led [m].
+        fastest: speed of an axis [m/s].
+        current: largest current of a motor [A].
+        oldest: largest age of the measurements [s].
         persists: time for which a sign must last, but for a jump [s].
     """
 
-    # fmt: off
-    @property
-    def fastest(self) -> float: ...  # noqa: D102
-    @property
-    def persists(self) -> float: ...  # noqa: D102
-    # fmt: on
+    following: float
+    fastest: float
+    current: float = math.inf
+    oldest: float = 0.06
+    persists: float = 0.1
 
 
-class SignGuard(ABC):
-    """Guard of drives by signs that must last; a machine's own tells them from each tick.
+class SignGuard[L: DriveLimits](ABC):
+    """Guard of drives by signs that must last.
+
+    All drives have these: the emergency stop, an encoder that jumps, an axis that does not follow
+    or pushes too hard, data that is old. A machine's guard adds its own.
 
     Attributes:
         part: part of the machine that the drives are of.
@@ -106,80 +126,105 @@ class SignGuard(ABC):
 
     part: ClassVar[str] = "legs"
 
-    def __init__(self, period: float, oldest: float):
+    def __init__(self, period: float, limits: L):
         """Begins to watch.
 
         Args:
             period: period of the loop [s].
-            oldest: usual largest age of the measurements [s].
+            limits: limits of normal behaviour.
         """
-        self._period, self._ticks = period, Ticks(period)
-        self._usual_age = self._oldest = oldest
+        self._period, self._ticks, self._limits = period, Ticks(period), limits
+        self._oldest = limits.oldest
         self._position: NDArray[Any] | None = None
         self._stamp = 0.0  # when that was measured [s]
         self._since: dict[str, float] = {}
 
     def allow_age(self, seconds: float) -> float:
         """Lets measurements be older than usual, if that is more; returns the usual limit [s]."""
-        self._oldest = max(seconds, self._usual_age)
-        return self._usual_age
+        self._oldest = max(seconds, self._limits.oldest)
+        return self._limits.oldest
 
     def check(self, now: float, values: Mapping[str, NDArray[Any]]) -> Trip | None:
         """See `Guard`."""
         stamp = now - (float(values[AGE][0]) if AGE in values else 0.0)
         elapsed = max(stamp - self._stamp, self._period)
-        signs = dict(self._signs(self._ticks.is_regular(now), elapsed, values))
+        is_regular = self._ticks.is_regular(now)
+        # What says more comes first.
+        of_drives = self._usual(is_regular, elapsed, values)
+        signs = dict(chain(of_drives, self._signs(values), self._stale(values)))
         self._position, self._stamp = values[f"{self.part}.position"].copy(), stamp
         self._since = {name: self._since.get(name, now) for name in signs}
         for name, sign in signs.items():
             if now - self._since[name] >= sign.persists:
-                return Trip(name, sign.words, sign.distrusted)
+                axis = None if sign.axis is None else (self.part, sign.axis)
+                return Trip(name, sign.words, sign.distrusted, axis=axis)
         return None
 
     @abstractmethod
-    def _signs(
-        self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
-    ) -> Iterator[tuple[str, Sign]]:
-        """Names of the signs of a tick, and the signs.
+    def _distances(self, values: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
+        """Distances of the axes from where they were led [m]; None where nothing leads them.
 
         Args:
-            is_regular: true if it comes a period after the one before.
-            elapsed: time between the measurements and those before [s].
             values: see `Guard.check`.
         """
 
-    def _usual(
-        self,
-        is_regular: bool,
-        elapsed: float,
-        values: Mapping[str, NDArray[Any]],
-        limits: UsualLimits,
-        named: Callable[[NDArray[np.bool_], str], str],
-    ) -> Iterator[tuple[str, Sign]]:
-        """Signs that all drives have at once: the emergency stop, an encoder that jumps.
+    def _signs(self, values: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, Sign]]:
+        """Names of the machine's own signs of a tick, and the signs.
 
         Args:
-            is_regular: see `_signs`.
-            elapsed: see there.
-            values: see there.
-            limits: limits of normal behaviour.
-            named: words about the first leg of some.
+            values: see `Guard.check`.
         """
-        stop, position = f"{self.part}.emergency_stop", values[f"{self.part}.position"]
+        yield from ()
+
+    def _usual(
+        self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
+    ) -> Iterator[tuple[str, Sign]]:
+        """Signs that all drives have.
+
+        Args:
+            is_regular: true if the tick comes a period after the one before.
+            elapsed: time between the measurements and those before [s].
+            values: see `Guard.check`.
+        """
+        limits, part = self._limits, self.part
+        stop, position = f"{part}.emergency_stop", values[f"{part}.position"]
         if stop in values and values[stop][0] > 0.5:
             yield "emergency_stop", Sign(EMERGENCY_STOP_SIGN, 0.0)
         if self._position is not None and is_regular:
             jumps = np.abs(position - self._position) > limits.fastest * elapsed
-            if jumps.any():
-                words = named(jumps, "changes faster than it can")
-                yield "encoder_jump", Sign(words, 0.0, (self.part,))
+            yield from first_of("encoder_jump", jumps, "changes faster than it can", 0.0, (part,))
+        if (off := self._distances(values)) is not None:
+            words = f"is more than {1e3 * limits.following:g} mm off its way"
+            far = ~(np.abs(off) <= limits.following)
+            yield from first_of("following_error", far, words, limits.persists, (part,))
+        if (current := values.get(f"{part}.current")) is not None:
+            hard = np.abs(current) > limits.current
+            yield from first_of("overload", hard, "pushes harder than it may", limits.persists)
 
-    def _stale(
-        self, values: Mapping[str, NDArray[Any]], limits: UsualLimits
-    ) -> Iterator[tuple[str, Sign]]:
-        """Sign of data that is old; after those that say more."""
+    def _stale(self, values: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, Sign]]:
+        """Sign of data that is old."""
         if AGE in values and not values[AGE][0] <= self._oldest:
-            yield f"{self.part}_stale", Sign("measurements that are old", limits.persists)
+            yield f"{self.part}_stale", Sign("measurements that are old", self._limits.persists)
+
+
+def first_of(
+    name: str,
+    which: NDArray[np.bool_],
+    words: str,
+    persists: float,
+    distrusted: tuple[str, ...] = (),
+) -> Iterator[tuple[str, Sign]]:
+    """Sign of the first axis of some; nothing if there is none.
+
+    Args:
+        name: name of the sign.
+        which: axes that show it (n), as truth values.
+        words: words for what it does.
+        persists: see `Sign`.
+        distrusted: see there.
+    """
+    if which.any():
+        yield name, Sign(words, persists, distrusted, int(np.argmax(which)))
 
 
 # A tick that comes so much earlier or later than a period after the last one is irregular [-].

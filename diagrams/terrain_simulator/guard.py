@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.guard import AGE, Sign, SignGuard
+from parapod.diagrams.guard import AGE, DriveLimits, Sign, SignGuard
 from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.systems.terrain_simulator.kinematics import singularity
@@ -17,17 +17,15 @@ _COMMAND, _CURRENT, _CELLS = "sliders.position_command", "sliders.current", "cel
 _POSE, _HIP = "pose_estimated", "hip.position"
 # Poses that a walk asks for and that the plate is led to, and a signal that walks alone have.
 _ASKED, _LED, _WALKS = "pose_asked", "pose_desired", "done"
-_SLIDERS = ("sliders",)
 # Share of the asked sine of the transmission angle, and of the slide's way [-].
 _SIN_MU, _LOW = 0.48, 0.02
 
 
 @dataclass(frozen=True)
-class BenchLimits:
-    """Limits of what is normal: design choices.
+class BenchLimits(DriveLimits):
+    """Limits of what is normal: design choices, of the paper's benches.
 
     Attributes:
-        following: largest distance of a slider from where it was led before [m].
         delay: time for which a slider may be behind besides, at its speed [s].
         fastest: speed of a slider [m/s]; twice that of the drives as they are set, as encoders are
             read at instants that are not quite regular.
@@ -37,37 +35,39 @@ class BenchLimits:
         behind: largest distance of the plate from where a walk has it while a leg is driven [m],
             and largest angle [rad].
         lowest: height of the hip below which nothing carries it [m].
-        oldest: largest age of the measurements [s].
-        persists: time for which a sign must last, but for a jump [s].
     """
 
     following: float = 5e-3
-    delay: float = 0.04
     fastest: float = 7.0
+    current: float = 40.0
+    delay: float = 0.04
     crushed: float = 3000.0
     sin_mu: float = 0.12
     behind: tuple[float, float] = (5e-3, 0.05)
     lowest: float = 0.42
-    oldest: float = 0.06
-    persists: float = 0.1
 
     @classmethod
     def for_machine(cls, machine: BenchDesign) -> "BenchLimits":
-        """Limits of a bench.
+        """Limits of a bench: ways by the length of its links, the others by its drives and cells.
 
         Args:
-            machine: its drives, cells and slide are taken.
+            machine: its dimensions, drives, cells and slide are taken.
         """
         low, high = machine.hip_min_mm, machine.hip_max_mm
+        sliders, size = machine.sliders, machine.geometry.size
+        way, angle = cls.behind
         return cls(
-            fastest=2.0 * machine.sliders.max_velocity_m_s,
+            following=cls.following * size,
+            fastest=2.0 * sliders.max_velocity_m_s,
+            current=sliders.max_force_N / sliders.force_per_current_N_A,
             crushed=machine.cells.capacity_N,
-            sin_mu=_SIN_MU * machine.sliders.least_sin_mu,
+            sin_mu=_SIN_MU * sliders.least_sin_mu,
+            behind=(way * size, angle),
             lowest=(low + _LOW * (high - low)) / 1e3,
         )
 
 
-class BenchGuard(SignGuard):
+class BenchGuard(SignGuard[BenchLimits]):
     """Ends a walk in which a slider does not follow or pushes too hard, or the hip falls.
 
     The drives then stop and hold; the hip's slide is held by its brake.
@@ -89,27 +89,25 @@ class BenchGuard(SignGuard):
             limits: limits of normal behaviour; None: those of the machine.
         """
         limits = limits or BenchLimits.for_machine(scenario.machine)
-        super().__init__(scenario.control.period, limits.oldest)
-        self._limits, sliders = limits, scenario.machine.sliders
+        super().__init__(scenario.control.period, limits)
         self._geometry = scenario.machine.geometry
-        self._most = sliders.max_force_N / sliders.force_per_current_N_A
         self._drives_leg = scenario.drives_leg
         self._led: NDArray[Any] | None = None
 
-    def _signs(
-        self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
-    ) -> Iterator[tuple[str, Sign]]:
+    def _distances(self, values: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
+        """See `SignGuard`; of what a slider's speed explains nothing is left."""
+        if _COMMAND not in values:
+            return None
+        command, self._led = self._led, values[_COMMAND].copy()
+        if command is None:
+            return None
+        delayed = self._limits.delay * np.abs(values.get(_VELOCITY, np.zeros(3)))
+        off: NDArray[Any] = np.abs(values[_POSITION] - command) - delayed
+        return np.maximum(off, 0.0)
+
+    def _signs(self, values: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, Sign]]:
         """See `SignGuard`."""
         limits = self._limits
-        yield from self._usual(is_regular, elapsed, values, limits, _named)
-        if _COMMAND in values:
-            if self._led is not None:
-                yield from self._follows(values)
-            self._led = values[_COMMAND].copy()
-        if _CURRENT in values:
-            hard = np.abs(values[_CURRENT]) > self._most
-            if hard.any():
-                yield "overload", Sign(_named(hard, "pushes harder than it may"), limits.persists)
         if _CELLS in values and not (np.abs(values[_CELLS]) <= limits.crushed).all():
             words = f"a force cell bears more than {limits.crushed:g} N"
             yield "cells_overloaded", Sign(words, limits.persists)
@@ -125,15 +123,3 @@ class BenchGuard(SignGuard):
                 yield "plate_behind", Sign(words, limits.persists)
         if _HIP in values and values[_HIP][0] < limits.lowest:
             yield "hip_low", Sign("the hip is at the end of its slide", limits.persists)
-        yield from self._stale(values, limits)
-
-    def _follows(self, values: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, Sign]]:
-        limits, going = self._limits, np.abs(values.get(_VELOCITY, np.zeros(3)))
-        off = ~(np.abs(values[_POSITION] - self._led) <= limits.following + limits.delay * going)
-        if off.any():
-            words = _named(off, "is off its way")
-            yield "following_error", Sign(words, limits.persists, _SLIDERS)
-
-
-def _named(which: NDArray[np.bool_], what: str) -> str:
-    return f"slider {int(np.argmax(which)) + 1} {what}"

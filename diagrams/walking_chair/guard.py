@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from parapod.diagrams.guard import AGE, POSITION, STOP, Sign, SignGuard
-from parapod.diagrams.walking_chair.design import DriveScenario
+from parapod.diagrams.guard import AGE, POSITION, STOP, DriveLimits, Sign, SignGuard, first_of
+from parapod.diagrams.walking_chair.design import ChairDesign, DriveScenario
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import foot_corners
@@ -29,8 +29,10 @@ _CURRENT, _SUPPORT, _PAYLOAD = "legs.current", "support", "payload_estimated"
 
 
 @dataclass(frozen=True)
-class ChairLimits:
-    """Limits of what is normal: design choices. Behind them what a walk has with drives as bought.
+class ChairLimits(DriveLimits):
+    """Limits of what is normal: design choices, of the paper's chair.
+
+    Behind them what a walk has with drives as bought. Currents are watched by the drives.
 
     Attributes:
         following: largest distance of a branch from where it is to be next [m]; .9 mm, and 2.2 mm
@@ -39,8 +41,6 @@ class ChairLimits:
             1.4 mm where a walk is halted.
         fastest: speed of a branch [m/s]; .078.
         margin: least distance of the centre of mass from the support's edge [m]; .051.
-        oldest: largest age of the measurements [s]; .01.
-        persists: time for which a sign must last, but for a jump [s].
         unexplained: largest part of a branch's force that no ground explains [N], see
             `unexplained_forces`; 8 that last, with 0 to 160 kg. A passenger of 57 kg who leans by
             40 mm at once adds up to 30.
@@ -49,22 +49,27 @@ class ChairLimits:
     """
 
     following: float = 5e-3
-    swinging: float = 1.7e-3
     fastest: float = 0.15
+    swinging: float = 1.7e-3
     margin: float = 0.0
-    oldest: float = 0.06
-    persists: float = 0.1
     unexplained: float = 40.0
     unexplained_persists: float = 0.3
     lowest: float = 3e-3
 
     @classmethod
-    def for_drives(cls, drives: DriveScenario) -> "ChairLimits":
-        """Limits of a chair with other drives: of speed and force the same shares."""
-        usual = DriveScenario()
+    def for_machine(cls, machine: ChairDesign) -> "ChairLimits":
+        """Limits of a chair: ways by the stroke of its branches, the others by their drives.
+
+        Args:
+            machine: its dimensions and drives are taken.
+        """
+        drives, usual, size = machine.drives, DriveScenario(), machine.geometry.leg.size
         return cls(
+            following=cls.following * size,
             fastest=cls.fastest * drives.max_velocity_mm_s / usual.max_velocity_mm_s,
+            swinging=cls.swinging * size,
             unexplained=cls.unexplained * drives.max_force_N / usual.max_force_N,
+            lowest=cls.lowest * size,
         )
 
 
@@ -81,7 +86,7 @@ _REMEMBERED = 10.0
 _SETTLED = 2.0
 
 
-class ChairGuard(SignGuard):
+class ChairGuard(SignGuard[ChairLimits]):
     """Ends a walk in which a branch does not follow or carry, or swings, or no foot supports.
 
     The drives then stop and hold. A branch that is stuck, driven the wrong way or shown wrongly
@@ -97,32 +102,28 @@ class ChairGuard(SignGuard):
 
         Args:
             scenario: its `control.period` is that of the loop; its `machine` is watched.
-            limits: limits of normal behaviour; None: those of its drives.
+            limits: limits of normal behaviour; None: those of the machine.
         """
         machine, drives = scenario.machine, scenario.machine.drives
-        self._limits = ChairLimits.for_drives(drives) if limits is None else limits
-        super().__init__(scenario.control.period, self._limits.oldest)
+        super().__init__(scenario.control.period, limits or ChairLimits.for_machine(machine))
         self._geometry, self._masses = machine.geometry, machine.masses
         self._force_per_current = drives.force_per_current
         # Mean distances from the way, and mean sizes of these [m].
         self._off, self._size = np.zeros(len(BRANCHES)), np.zeros(len(BRANCHES))
-        self._count, self._mismatch = 0, ""
+        self._count = 0
+        self._mismatch: Sign | None = None
         # Mass, and moments by gravity, of the payload, as they have been for a while [kg, kg m].
         self._payload: NDArray[Any] | None = None
 
-    def _signs(
-        self, is_regular: bool, elapsed: float, values: Mapping[str, NDArray[Any]]
-    ) -> Iterator[tuple[str, Sign]]:
+    def _distances(self, values: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
         """See `SignGuard`."""
-        limits, position = self._limits, values[POSITION]
-        legs = ("legs",)
-        yield from self._usual(is_regular, elapsed, values, limits, _named)
-        if _NODE in values:
-            off = ~(np.abs(position - values[_NODE]) <= limits.following)
-            if off.any():
-                words = _named(off, f"is more than {1e3 * limits.following:g} mm off its way")
-                yield "following_error", Sign(words, limits.persists, legs)
-            yield from self._swings(position - values[_NODE])
+        return values[POSITION] - values[_NODE] if _NODE in values else None
+
+    def _signs(self, values: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, Sign]]:
+        """See `SignGuard`."""
+        limits, off = self._limits, self._distances(values)
+        if off is not None:
+            yield from self._swings(off)
         if _MARGIN in values and values[_MARGIN][0] < limits.margin:
             words = "the centre of mass is not above the feet that stand"
             yield "no_support", Sign(words, limits.persists)
@@ -131,9 +132,7 @@ class ChairGuard(SignGuard):
                 self._mismatch = self._compared(values)
             self._count += 1
             if self._mismatch:
-                words, persists = self._mismatch, limits.unexplained_persists
-                yield "current_mismatch", Sign(words, persists, legs)
-        yield from self._stale(values, limits)
+                yield "current_mismatch", self._mismatch
 
     def _swings(self, off: NDArray[Any]) -> Iterator[tuple[str, Sign]]:
         """Sign of a branch that swings about its way, as with commands that come too late."""
@@ -142,20 +141,19 @@ class ChairGuard(SignGuard):
         self._size += share * (np.abs(off) - self._size)
         swinging = self._size > self._limits.swinging
         swinging &= np.abs(self._off) < _TO_AND_FRO * self._size
-        if swinging.any():
-            mean = 1e3 * self._size[swinging].max()
-            words = _named(swinging, f"swings about its way, {mean:.1f} mm off it on average")
-            yield "oscillation", Sign(words, 0.0)
+        mean = 1e3 * self._size[swinging].max(initial=0.0)
+        words = f"swings about its way, {mean:.1f} mm off it on average"
+        yield from first_of("oscillation", swinging, words, 0.0)
 
-    def _compared(self, values: Mapping[str, NDArray[Any]]) -> str:
-        """Sentence about the branch whose current is explained least; "" if all of them are."""
+    def _compared(self, values: Mapping[str, NDArray[Any]]) -> Sign | None:
+        """Sign of the branch whose current is explained least; None if all of them are."""
         lengths = values[POSITION].reshape(LEG_COUNT, 3)
         forces = self._force_per_current * values[_CURRENT]
         corners = foot_corners(self._geometry, np.zeros(3), np.eye(3), lengths)
         estimated, *place = values[_PAYLOAD]
         finite = (corners, forces, values[_PAYLOAD])
         if not all(np.isfinite(each).all() for each in finite):
-            return ""  # which other signs tell
+            return None  # which other signs tell
         newest = estimated * np.array((1.0, *place))
         mass, *moments = payload = newest if self._payload is None else self._payload
         stands = values[_SUPPORT] > 0.5
@@ -175,15 +173,10 @@ class ChairGuard(SignGuard):
             share = -np.expm1(-_STRIDE * self._period / _REMEMBERED)
             if self._count * self._period >= _SETTLED:
                 self._payload = payload + share * (newest - payload)
-            return ""
+            return None
         worst_force, explained = forces[worst], forces[worst] - off[worst]
-        return (
-            f"{BRANCHES[worst]} holds {worst_force:.0f} N by its current, where the feet on the "
-            f"ground explain {explained:.0f} N: does each foot stand, and is each screw whole and "
-            "free?"
+        words = (
+            f"holds {worst_force:.0f} N by its current, where the feet on the ground explain "
+            f"{explained:.0f} N: does each foot stand, and is each screw whole and free?"
         )
-
-
-def _named(which: NDArray[Any], what: str) -> str:
-    """Sentence about the first branch of some."""
-    return f"{BRANCHES[int(np.flatnonzero(which)[0])]} {what}"
+        return Sign(words, self._limits.unexplained_persists, (self.part,), worst)

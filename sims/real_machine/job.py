@@ -237,7 +237,7 @@ def end_by_guard(
             return
         # A device that says what is wrong with it knows better.
         errors = (thread.error for thread in parts.all_threads)
-        raise next(filter(None, errors), Tripped(trip))
+        raise next(filter(None, errors), Tripped(trip, loop.machine.axes))
 
     return check
 

@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 from parapod.diagrams.bodies import BodyScenario
 from parapod.diagrams.designs import check_design, is_published
 from parapod.diagrams.machine import list_machines
+from parapod.diagrams.machining_centre.guard import CentreLimits
+from parapod.diagrams.terrain_simulator.guard import BenchLimits
+from parapod.diagrams.walking_chair.guard import ChairLimits
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Options, check, fields_of
@@ -367,6 +370,43 @@ def test_what_follows_from_lengths_grows_with_a_power_of_them(machine, choices, 
         off = np.abs(np.asarray(own[name][0]) / factor - array)
         limit = ROUNDING.get(name, 1.0) * (1e-12 * np.abs(array) + np.max(rounding))
         assert (off <= limit).all(), (name, (off / limit).max())
+
+
+# --- limits of guards
+
+GUARDS: Mapping[str, type[Any]] = {
+    "walking_chair": ChairLimits,
+    "machining_centre": CentreLimits,
+    "terrain_simulator": BenchLimits,
+}
+# Powers of the scale with which limits grow; others are times and shares, and do not. That of the
+# chair's margin is zero itself, and that of the plate is a way and an angle.
+OF_LENGTH = ("following", "fastest", "swinging", "lowest")
+OF_FORCE = ("current", "unexplained", "crushed")
+FORCES = ("max_force_N", "rated_current_A", "capacity_N")
+
+
+@each_kind
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_limits_of_a_guard_are_those_of_the_machine_that_it_watches(machine, choices, scale):
+    if machine.name not in GUARDS:
+        pytest.skip("the platform's are those of its fault detector")
+    limits, design = GUARDS[machine.name], design_of(machine, choices)
+    assert limits.for_machine(design) == limits()
+    other = similar(design, scale)
+    for _, part in parts(other):
+        for name in ("max_velocity_mm_s", "max_velocity_m_s"):
+            if hasattr(part, name):
+                setattr(part, name, scale * getattr(part, name))
+        for name in FORCES:
+            if hasattr(part, name):
+                setattr(part, name, scale**3 * getattr(part, name))
+    own = limits.for_machine(other)
+    for each in fields(limits):
+        power = 1 if each.name in OF_LENGTH else 3 if each.name in OF_FORCE else 0
+        factor = (scale, 1.0) if each.name == "behind" else scale**power
+        wanted = np.multiply(factor, getattr(limits(), each.name))
+        np.testing.assert_allclose(getattr(own, each.name), wanted, rtol=1e-12, err_msg=each.name)
 
 
 # What a centre's walk is given in lengths, by part of its scenario.

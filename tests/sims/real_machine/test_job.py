@@ -109,7 +109,7 @@ def guarded():
         parts = Parts({"legs": [DeviceThread(device)]})
         parts.threads["legs"][0]._sample = Sample({}, 0.0, DeviceFault.NONE, "")
         loop = SimpleNamespace(
-            machine=SimpleNamespace(guard=lambda scenario: guard, inputs=inputs),
+            machine=SimpleNamespace(guard=lambda scenario: guard, inputs=inputs, axes={}),
             station=SimpleNamespace(scenario=None, behind=Behind({}, {}, handle=parts)),
             readings=lambda root, names: {
                 name: (lambda name=name: values[name]) for name in names
