@@ -66,9 +66,13 @@ _LOWERING, _RAISING = 0.025, 0.05
 # Height at which the paper's platform works [m]; share of an actuator's speed that a posture's way
 # may take [-].
 _PAPER_HEIGHT, _SHARE_OF_SPEED = 0.477, 0.5
-# Extensions that a wrong encoder alone shows, by the way between the end stops; speeds by the
-# largest one; ways that voltages do not explain, by the largest speed [-, -, s].
-_TOLERANCE, _FASTEST, _RESPONSE = 0.0625, 1.25, 1.0 / 300.0
+# Distances, on a platform of the paper's size, of a leg from where it touched the ground and from
+# its goal, of the wheels from the ground, of feet from the measured ground [m].
+_TOUCHED, _ARRIVED, _CLEARANCE, _FEET = 3e-5, 2e-4, 1e-3, 4e-3
+# Extensions that a wrong encoder alone shows, and tolerance of end switches, by the way between
+# the end stops; speeds by the largest one; ways that voltages do not explain, by the largest speed
+# [-, -, -, s].
+_TOLERANCE, _END, _FASTEST, _RESPONSE = 0.0625, 0.025, 1.25, 1.0 / 300.0
 
 
 @dataclass
@@ -307,15 +311,15 @@ class PlatformDesign(Schema):
     @property
     def supervisor(self) -> SupervisorParams:
         """Extensions and rates of the supervised operation."""
-        fastest, usual, size = self.actuators.max_speed, SupervisorParams(), self.size
+        fastest, size = self.actuators.max_speed, self.size
         return SupervisorParams(
             raised=self.raised,
             clear=self.beyond_stroke(_CLEAR),
             lowering_rate=_LOWERING * fastest,
             raising_rate=_RAISING * fastest,
-            touched=usual.touched * size,
-            arrived=usual.arrived * size,
-            clearance=usual.clearance * size,
+            touched=_TOUCHED * size,
+            arrived=_ARRIVED * size,
+            clearance=_CLEARANCE * size,
         )
 
     @property
@@ -323,7 +327,8 @@ class PlatformDesign(Schema):
         """Limits of normal signals."""
         actuators, switches = self.actuators, self.actuators.switches
         params = actuators.params
-        beyond = _TOLERANCE * (params.stop_max - params.stop_min)
+        way = params.stop_max - params.stop_min
+        beyond = _TOLERANCE * way
         return FaultDetectorParams(
             shortest=params.stop_min - beyond,
             longest=params.stop_max + beyond,
@@ -333,6 +338,8 @@ class PlatformDesign(Schema):
             response=actuators.max_speed * _RESPONSE,
             extended=switches.extended,
             retracted=switches.retracted,
+            feet=_FEET * self.size,
+            end=_END * way,
             up=self.beyond_stroke(_CLEAR),
         )
 

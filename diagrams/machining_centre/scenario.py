@@ -34,6 +34,9 @@ BODIES = ("multibody",)  # backends of rigid bodies
 SIMULATED = (*BODIES, "kinematic")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 BEST, PRINTED = "best", "paper"
+# Height above the pivots' least one, by the drill, from which a swing begins on a centre of the
+# paper's size [m].
+_ABOVE = 0.04
 _LOCK = re.compile(r"\s*q(\d)\s+of\s+(\d)\s*")
 
 
@@ -77,7 +80,8 @@ class WalkScenario(Schema):
         steps: swings of each foot.
         lift_mm: height of a swing [mm].
         height_mm: height of the platform above the panel where a swing begins [mm]; null: the
-            mean of the shortest and the longest leg.
+            mean of the shortest and the longest leg, or as much as keeps the drill off the panel
+            by as much as the paper's.
         locks: joints of a tripod's standing limbs that are locked while a foot is loose: "best"
             for the set with the largest singular values, "paper" for "q1 of 1, q1 of 2", or two
             others in that way, limbs counted from the loose one on. A quadruped needs none.
@@ -289,7 +293,8 @@ class CentreScenario(Schema):
             1e-3 * holes.depth_mm,
         )
         middle = 0.5 * (geometry.stroke_min + geometry.stroke_max)
-        height = middle if walk.height_mm is None else 1e-3 * walk.height_mm
+        usual = max(middle, geometry.tool_length + _ABOVE * geometry.size)
+        height = usual if walk.height_mm is None else 1e-3 * walk.height_mm
         return _planned(
             geometry,
             _Keyed(blank),

@@ -21,7 +21,7 @@ from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
-from parapod.systems.walking_chair.payload import Stand, unexplained_forces
+from parapod.systems.walking_chair.payload import LEVER, Stand, unexplained_forces
 from parapod.systems.walking_chair.statics import force_map
 
 _NODE, _MARGIN = "position_node", "support_margin"
@@ -167,7 +167,9 @@ class ChairGuard(SignGuard[ChairLimits]):
             self._masses.total,
             np.array(moments) / mass if mass else 0.0 * newest[1:],
         )
-        off = unexplained_forces(stand, mass, forces, self._masses.foot_end * GRAVITY)
+        lever = LEVER * self._geometry.leg.size
+        own = self._masses.foot_end * GRAVITY
+        off = unexplained_forces(stand, mass, forces, own, lever=lever)
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) <= self._limits.unexplained:
             share = -np.expm1(-_STRIDE * self._period / _REMEMBERED)

@@ -126,6 +126,10 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
                 f"{key} = {max(steps):g} ms is above control.period = {longest:g} ms", key
             )
 
+    def scales(self, scenario: S) -> Mapping[str, float]:
+        """Factors of the bounds by their units: of a machine of another size or weight [-]."""
+        raise NotImplementedError(f"{type(self).__name__} does not define scales")
+
     def counts_from(self, scenario: S) -> float:
         """Time from which on differences count: the machine has settled [s]."""
         raise NotImplementedError(f"{type(self).__name__} does not define counts_from")
@@ -166,17 +170,19 @@ class EngineComparison[S](LoopExperiment[S, Engines]):
     def measure(self, scenario: S, data: Engines) -> Iterator[Metric]:
         """Largest differences, gaps, and how fast each was."""
         late = data.run.time >= self.counts_from(scenario)
+        scales = self.scales(scenario)
         for quantity in self.quantities:
             kind = ("largest", "root mean square")[quantity.is_rough]
             yield Metric(
                 f"{quantity.key}_difference_{quantity.unit}",
                 quantity.difference(data.signals, late),
                 quantity.unit,
-                quantity.bound,
+                quantity.bound and quantity.bound * scales.get(quantity.unit, 1.0),
                 meaning=f"difference of {quantity.meaning} between the engines, {kind}",
             )
         settings: Any = scenario
-        most = self.most_open if settings.plant.time_step <= FINE_STEP else None
+        is_fine = settings.plant.time_step <= FINE_STEP
+        most = self.most_open * scales["mm"] if is_fine else None
         for backend, signals in data.signals.items():
             gap = 1e6 * float(signals[self.gap].max())
             meaning = f"largest gap in the loops, {ENGINES[backend]}"

@@ -34,6 +34,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.lab.engines import EngineComparison, Floats, Quantity
 from parapod.sims.levelling_platform.levelling import LevellingExperiment
@@ -93,6 +94,11 @@ class CompareEngines(EngineComparison[LevellingScenario], LevellingExperiment):
         Quantity("shared_force", "shared_force", "N", 1.0, "feet, undetermined", (0,)),
         Quantity("load_force", "truth.load_force", "N", 1.0, "rods' forces", _LEGS),
     )
+
+    def scales(self, scenario: LevellingScenario) -> Mapping[str, float]:
+        """Ways by the working height, forces by the mass."""
+        machine = scenario.machine
+        return {"mm": machine.size, "N": machine.masses.mass / PlatformDesign().masses.mass}
 
     def derived(
         self, scenario: LevellingScenario, signals: Mapping[str, Floats]

@@ -64,7 +64,7 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
 from parapod.systems.levelling_platform.scripts import OperatorScript, Step
-from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.stability_monitor import usual_margin
 from parapod.systems.levelling_platform.supervisor import Command, Phase
 
 type Signals = Mapping[str, NDArray[Any]]
@@ -470,7 +470,7 @@ def _standing(scenario: DeployScenario, signals: Signals) -> list[Metric]:
             "smallest_margin_mm",
             1e3 * _smallest(signals["stability_margin"][is_holding]),
             "mm",
-            at_least=1e3 * StabilityMonitorParams().margin,
+            at_least=1e3 * usual_margin(scenario.machine.geometry),
             meaning="smallest margin of the zero-moment point inside the feet, while held",
             undefined=_NOT_HELD,
         ),

@@ -23,7 +23,10 @@ from parapod.systems.levelling_platform.fault_detection import RULES
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.sliders import OperatorControls
-from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
+from parapod.systems.levelling_platform.stability_monitor import (
+    StabilityMonitorParams,
+    usual_margin,
+)
 from parapod.systems.levelling_platform.supervisor import (
     TRANSITIONS,
     Event,
@@ -198,19 +201,19 @@ class OperationWatch:
         if code == Refusal.CAUSE:
             raise RefusedRequest("no reset: the fault's cause is not gone", phase)
         if code == Refusal.UNSETTLED:
-            limit = SupervisorParams().estimate_limit
+            limit = SupervisorParams.estimate_limit
             raise RefusedRequest(
                 f"the ground could not be estimated: the attitude has not settled in {limit:g} s",
                 phase,
             )
-        margin, params = self._margin, StabilityMonitorParams()
+        margin = self._margin
         if not np.isfinite(margin):
-            turn, swing = np.degrees(params.reach)
+            turn, swing = np.degrees(StabilityMonitorParams.reach)
             limits = f"{swing:.0f} deg of the arm or {turn:.0f} deg of the turntable"
             raise RefusedRequest(f"the arm's move goes beyond {limits}", phase)
         raise RefusedRequest(
             f"the arm's move would leave {1e3 * margin:.0f} mm to the edge between the feet, "
-            f"which must be {1e3 * params.margin:.0f} mm or more",
+            f"which must be {1e3 * _least_margin(self._loop):.0f} mm or more",
             phase,
         )
 
@@ -256,6 +259,10 @@ def operated_platform(
     )
 
 
+def _least_margin(loop: ClosedLoop[Any]) -> float:
+    return usual_margin(loop.scenario.machine.geometry)
+
+
 def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     """Phase, posture, margin, faults and refusals."""
     controller = loop.controller
@@ -263,7 +270,7 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     phase = Phase(int(read("phase")[0]))
     readings = read_posture(loop, root_context, "posture_request")
     margin = 1e3 * float(read("stability_margin")[0])
-    least = 1e3 * StabilityMonitorParams().margin
+    least = 1e3 * _least_margin(loop)
     rows = list(readings.rows) if phase in (Phase.POSTURE, Phase.HOLD) else [readings.rows[-1]]
     if np.isfinite(margin):  # on its wheels it has none
         rows.append(Row("margin", least, margin, None, "mm", 0))

@@ -47,7 +47,7 @@ from parapod.systems.terrain_simulator.walk import BenchWalk
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Bounds of the differences between bench and world [%, mm, mm].
+# Bounds of the differences between a bench as large as the paper's and the world [%, mm, mm].
 _FORCE, _HEIGHT, _FOOTHOLD = 5.0, 2.0, 2.0
 # Time in which the foot settles on the ground at first [s].
 _SETTLED = 0.1
@@ -189,11 +189,13 @@ class BenchCourse(BenchExperiment[BenchCourseScenario, Courses]):
     def measure(self, scenario: BenchCourseScenario, data: Courses) -> Iterator[Metric]:
         """Differences between bench and world, the largest of all and of each terrain."""
         each = {name: _differences(pair) for name, pair in data.pairs.items()}
+        size = scenario.machine.geometry.size
         for key, unit, bound, meaning in (
             ("force_difference_percent", "%", _FORCE, "difference of the ground's force on the "
              "foot between bench and world, root mean square"),
-            ("height_error_mm", "mm", _HEIGHT, "largest difference of the hip's heights"),
-            ("foothold_error_mm", "mm", _FOOTHOLD, "largest difference of a foot that presses"),
+            ("height_error_mm", "mm", size * _HEIGHT, "largest difference of the hip's heights"),
+            ("foothold_error_mm", "mm", size * _FOOTHOLD, "largest difference of a foot that "
+             "presses"),
         ):  # fmt: skip
             worst = max(metrics[key] for metrics in each.values())
             yield Metric(key, worst, unit, bound, meaning=f"{meaning}; of all terrains")

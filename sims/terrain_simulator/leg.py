@@ -64,8 +64,9 @@ from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Bounds: reach left [mm], error of the jump's height [mm], weight while standing [-].
-_REACH, _HEIGHT, _WEIGHT = 10.0, 50.0, 1e-3
+# Bounds: reach left, by the height of the hip, error of the jump's height by that, and weight
+# while standing [-].
+_REACH, _HEIGHT, _WEIGHT = 1.0 / 61.0, 1.0 / 6.0, 1e-3
 # Share of its distance from the hip by which a foot is tried farther away, and the steps of that.
 _FURTHER = 0.4
 _STEP = _FURTHER / 2**12
@@ -339,7 +340,7 @@ def _reach(scenario: BenchLegScenario, leg: LegModel, data: LegTest) -> Iterator
         "reach_margin_mm",
         1e3 * reach_margin(leg, feet),
         "mm",
-        at_least=_REACH,
+        at_least=_REACH * scenario.hip_mm,
         meaning="smallest reserve of the leg's reach on the foot's way",
     )
     low, high = leg.limits
@@ -412,7 +413,7 @@ def _jump_metrics(scenario: BenchLegScenario, run: Run) -> Iterator[Metric]:
         "jump_error_mm",
         1e3 * rise - scenario.jump_mm,
         "mm",
-        _HEIGHT,
+        _HEIGHT * scenario.jump_mm,
         meaning="error of the jump's height above the stretched leg",
     )
     lands = np.flatnonzero((run.time > run.time[off] + 0.5 * task.flight) & (upwards > _TOUCH))

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.sims.lab.engines import EngineComparison, Floats, Quantity
-from parapod.sims.walking_chair.walk import ChairExperiment
+from parapod.sims.walking_chair.walk import ChairExperiment, weight_share
 from parapod.systems.core.schema import quantity
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 
@@ -79,6 +79,10 @@ class ChairEngines(EngineComparison[ChairScenario], ChairExperiment):
     ) -> Mapping[str, Floats]:
         """The force that all feet bear together, which statics determines."""
         return {"weight": signals["truth.contact_force"].sum(axis=1, keepdims=True)}
+
+    def scales(self, scenario: ChairScenario) -> Mapping[str, float]:
+        """Ways by the stroke of the branches, forces by the mass with the passenger."""
+        return {"mm": scenario.machine.geometry.leg.size, "N": weight_share(scenario)}
 
     def counts_from(self, scenario: ChairScenario) -> float:
         """The time at which it stands on its feet [s]."""

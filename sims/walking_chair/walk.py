@@ -231,7 +231,6 @@ def _truth_metrics(
     force = signals["truth.force"][after_start]
     is_fine = scenario.backend == "kinematic" or scenario.plant.time_step <= _FINE_STEP
     drives, passenger = scenario.machine.drives, scenario.passenger.passenger
-    whole = passenger.mass + scenario.machine.masses.total
     weight = scenario.machine.masses, drives.stiffness
     _, at_rest = walk_forces(scenario.machine.geometry, scenario.walk, passenger, *weight)
     return [
@@ -266,7 +265,7 @@ def _truth_metrics(
             "foot_below_ground_mm",
             1e3 * max(0.0, -float(signals["truth.foot_height"][after_start].min())),
             "mm",
-            _SINKING * whole / _USUAL,
+            _SINKING * weight_share(scenario),
             meaning="largest depth of a foot's corner in the ground, since contact yields",
         ),
         Metric(
@@ -351,6 +350,11 @@ def _controller_metrics(
 def _shade_swings(axes: "Axes", time: NDArray[np.float64], signals: Signals) -> None:
     """Shades the times at which two feet are in the air."""
     shade(axes, time, signals["support"].min(axis=1) < 0.5, color="0.93")
+
+
+def weight_share(scenario: ChairScenario) -> float:
+    """Mass of chair and passenger by that of the paper's chair with its largest passenger [-]."""
+    return (scenario.passenger.passenger.mass + scenario.machine.masses.total) / _USUAL
 
 
 def _body_bound(scenario: ChairScenario) -> float:

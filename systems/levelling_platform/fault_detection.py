@@ -224,47 +224,47 @@ class FaultDetectorParams:
     """Limits of normal signals (design choices, each above noise and motion).
 
     Attributes:
-        shortest: least extension that can be [m]; the end stop at .380 m less a tolerance.
-        longest: largest extension that can be [m], .460 m.
-        fastest: speed of an actuator [m/s]; 12 V make .12 m/s, gains are off by up to 15 %.
-        oldest: largest age of legs and inertial sensor in a default context [s].
+        shortest: least extension that can be [m]; the end stop less a tolerance.
+        longest: largest extension that can be [m].
+        fastest: speed of an actuator [m/s].
         gain: K of the actuators [(m/s)/V].
-        gain_error: share by which it may be off [-].
         friction: largest voltage that friction and load take [V].
         response: largest way by which a leg may differ from what its voltage says [m].
-        memory: over which that is counted [s].
         feet: largest difference of a foot's height from the measured ground [m].
+        extended: extension at which a leg's far end switch closes [m].
+        retracted: extension at which its near end switch closes [m].
+        end: tolerance of the end switches [m].
+        up: a leg of this extension cannot touch the ground [m].
+        oldest: largest age of legs and inertial sensor in a default context [s].
+        gain_error: share by which it may be off [-].
+        memory: over which that is counted [s].
         tilt: largest difference of two attitudes [rad].
         turn_rate: faster than the platform ever turns about x and y [rad/s].
         force: largest difference of the specific force from gravity [m/s^2].
         vertical: largest angle between the accelerometer's vertical and the estimated one [rad].
         pushed: largest tilt while the legs look for the ground [rad].
-        extended: extension at which a leg's far end switch closes [m].
-        retracted: extension at which its near end switch closes [m].
-        end: tolerance of the end switches [m].
-        up: a leg of this extension cannot touch the ground [m].
         silence: longest silence of an operator [s]; pages speak ten times a second.
     """
 
-    shortest: float = 0.375
-    longest: float = 0.465
-    fastest: float = 0.15
+    shortest: float
+    longest: float
+    fastest: float
+    gain: float
+    friction: float
+    response: float
+    feet: float
+    extended: float
+    retracted: float
+    end: float
+    up: float
     oldest: float = 0.05
-    gain: float = 0.01
     gain_error: float = 0.2
-    friction: float = 0.25
-    response: float = 4e-4
     memory: float = 1.0
-    feet: float = 4e-3
     tilt: float = math.radians(0.6)
     turn_rate: float = 0.06
     force: float = 0.6
     vertical: float = math.radians(2.0)
     pushed: float = math.radians(0.35)
-    extended: float = 0.4595
-    retracted: float = 0.3805
-    end: float = 2e-3
-    up: float = 0.440
     silence: float = 0.3
 
 
@@ -303,8 +303,8 @@ class FaultDetector(LeafSystem):
 
     def __init__(
         self,
-        geometry: PlatformGeometry = PlatformGeometry(),
-        params: FaultDetectorParams = FaultDetectorParams(),
+        geometry: PlatformGeometry,
+        params: FaultDetectorParams,
         period: float = 0.01,
     ):
         super().__init__()

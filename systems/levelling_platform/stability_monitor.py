@@ -35,7 +35,7 @@ class StabilityMonitorParams:
 
     Attributes:
         margin: smallest distance of the zero-moment point from the edge of the support polygon,
-            at rest and moving [m] (assumption).
+            at rest and moving [m]; None: `usual_margin`.
         rate: largest rates of turntable and arm [rad/s]; 67.5 deg/s, with which the arm swings by
             45 deg in a second (section 7; the turntable's is an assumption).
         acceleration: largest accelerations of turntable and arm [rad/s^2]; 270 deg/s^2, those of
@@ -47,12 +47,26 @@ class StabilityMonitorParams:
         platform: masses of platform and arm.
     """
 
-    margin: float = 0.050
+    margin: float | None = None
     rate: tuple[float, float] = (math.radians(67.5), math.radians(67.5))
     acceleration: tuple[float, float] = (math.radians(270.0), math.radians(270.0))
     reach: tuple[float, float] = (2.0 * math.pi, 0.5 * math.pi)
     profile: Profile = "cubic"
     platform: KinematicPlatformParams = field(default_factory=KinematicPlatformParams)
+
+
+# Margin by the half distance of the hips across the platform (assumption) [-].
+_SHARE = 5.0 / 17.0
+
+
+def usual_margin(geometry: PlatformGeometry) -> float:
+    """Margin that a platform is to have [m]: 50 mm of the paper's.
+
+    Args:
+        geometry: the platform.
+    """
+    narrowest = min(abs(leg.l_y) for leg in geometry.legs)
+    return _SHARE * narrowest
 
 
 class StabilityMonitor(LeafSystem):
@@ -118,7 +132,8 @@ class StabilityMonitor(LeafSystem):
         self._standing = self.DeclareVectorInputPort("standing", LEG_COUNT)
         self._request = self.DeclareVectorInputPort("arm_request", 2)
         self._enable = self.DeclareVectorInputPort("enable", 1)
-        limits = [params.margin, *params.rate, *params.acceleration, *params.reach]
+        margin = usual_margin(geometry) if params.margin is None else params.margin
+        limits = [margin, *params.rate, *params.acceleration, *params.reach]
         self._limits = self.DeclareNumericParameter(BasicVector(np.array(limits)))
         initial = np.zeros(_SIZE)
         initial[_REQUEST], initial[_MARGIN] = math.nan, -math.inf

@@ -143,40 +143,38 @@ MEMORY_SIZE = 12
 
 @dataclass(frozen=True)
 class SupervisorParams:
-    """Times, speeds and tolerances of the operation (all design choices).
+    """Times, speeds and tolerances of the operation (all design choices); sizes are a machine's.
 
     Attributes:
-        raised: extension of a leg that is up [m]; beyond .42 m, where the feet are clear.
+        raised: extension of a leg that is up [m].
         clear: extension with which a leg leaves the ground alone [m]: nothing drives below.
-        lowering_rate: rate of a leg that looks for ground, or is jogged [m/s]; about six times
-            that at the foot.
+        lowering_rate: rate of a leg that looks for ground, or is jogged [m/s].
         raising_rate: rate of a leg that goes up [m/s].
+        touched: largest distance of a leg from where it touched the ground [m].
+        arrived: largest error of an extension at its goal [m].
+        clearance: clearance of the wheels at the end of the way down, if the stroke leaves it [m].
         standstill: largest velocity of a wheel that stands [rad/s].
         settle_time: time for which wheels must stand, and switches stay closed [s].
         estimate_time: at rest on wheels and feet before the ground is estimated [s].
         estimate_limit: longest time for which the ground's estimate may be waited for until that
             is refused [s]; five time constants of the attitude's estimator.
         approach: rate over distance with which a leg comes to its goal [1/s].
-        touched: largest distance of a leg from where it touched the ground [m]; at the foot six
-            times that.
-        arrived: largest error of an extension at its goal [m].
         arrive_time: time for which a leg must stay at its goal [s].
-        clearance: clearance of the wheels at the end of the way down, if the stroke leaves it [m].
     """
 
-    raised: float = 0.450
-    clear: float = 0.440
-    lowering_rate: float = 0.003
-    raising_rate: float = 0.006
+    raised: float
+    clear: float
+    lowering_rate: float
+    raising_rate: float
+    touched: float
+    arrived: float
+    clearance: float
     standstill: float = 0.02
     settle_time: float = 0.5
     estimate_time: float = 3.0
     estimate_limit: float = 10.0
     approach: float = 4.0
-    touched: float = 3.0e-5
-    arrived: float = 2.0e-4
     arrive_time: float = 0.3
-    clearance: float = 1.0e-3
 
 
 @dataclass(frozen=True)
@@ -532,9 +530,9 @@ class Supervisor(LeafSystem):
 
     def __init__(
         self,
-        geometry: PlatformGeometry = PlatformGeometry(),
-        params: SupervisorParams = SupervisorParams(),
-        standing_height: float = 0.390,
+        geometry: PlatformGeometry,
+        params: SupervisorParams,
+        standing_height: float,
         period: float = 0.01,
     ):
         """Creates the supervisor.

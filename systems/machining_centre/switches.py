@@ -10,8 +10,9 @@ from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB
 
-# A clamp holds a foot that is not farther from the panel and leans no more from it [m, rad].
-REACH, LEAN = 1.5e-3, 0.03
+# A clamp holds a foot that is not farther from the panel, by the height of its ankle, and leans no
+# more from it [-, rad].
+REACH, LEAN = 1.0 / 28.0, 0.03
 
 
 class Switches(LeafSystem):
@@ -122,4 +123,4 @@ class Switches(LeafSystem):
 def is_on_panel(panel: Panel, foot: NDArray[np.float64]) -> bool:
     """Whether a foot (6) is where a clamp holds it."""
     off = abs(panel.place(foot[:3])[2] - panel.foot_height)
-    return bool(off <= REACH and panel.tilt(foot) <= LEAN)
+    return bool(off <= REACH * panel.foot_height and panel.tilt(foot) <= LEAN)

@@ -175,9 +175,9 @@ def elastic_forces(
     return _NOTHING if missing > _MISSED * load_wrench[2] else rays.carrying(mass, factors)
 
 
-# Distance from S at which a moment counts as much as a force in `unexplained_forces` [m]: that of
-# a leg.
-_LEVER = 0.2
+# Distance from S at which a moment counts as much as a force in `unexplained_forces`, for a chair
+# of the paper's size [m]: that of a leg.
+LEVER = 0.2
 
 
 def unexplained_forces(
@@ -186,6 +186,7 @@ def unexplained_forces(
     forces: NDArray[np.float64],
     foot_weight: float = 0.0,
     friction: float = 0.5,
+    lever: float = LEVER,
 ) -> NDArray[np.float64]:
     """Parts of the branches' forces that no ground under the touching corners can explain.
 
@@ -200,15 +201,16 @@ def unexplained_forces(
         forces: (12) of the branches, positive where they push [N].
         foot_weight: weight of a foot below its actuators [N].
         friction: largest coefficient that there may be.
+        lever: distance from S at which a moment counts as much as a force [m].
 
     Returns:
         (12) [N].
     """
     own = stand.force_map[..., 2] @ np.full(len(stand.corners), foot_weight / 3.0)
-    lever = np.array((1.0, 1.0, 1.0, *(1.0 / _LEVER,) * 3))
+    weights = np.array((1.0, 1.0, 1.0, *(1.0 / lever,) * 3))
     rays = _rays(stand, friction)
-    rows = np.vstack((rays.branches, lever[:, np.newaxis] * rays.wrenches))
-    load_wrench = np.concatenate((forces + own, lever * stand.wrench(mass)))
+    rows = np.vstack((rays.branches, weights[:, np.newaxis] * rays.wrenches))
+    load_wrench = np.concatenate((forces + own, weights * stand.wrench(mass)))
     factors = nnls(rows, load_wrench)[0] if len(rays.corner) else np.zeros(0)
     unexplained: NDArray[np.float64] = forces + own - rays.branches @ factors
     return unexplained

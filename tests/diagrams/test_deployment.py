@@ -10,6 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
@@ -19,7 +20,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.systems.levelling_platform.scripts import OperatorScript, Step
 from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
-from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusal, SupervisorParams
+from parapod.systems.levelling_platform.supervisor import Command, Phase, Refusal
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 
 PERIOD = 0.01
@@ -109,7 +110,8 @@ def test_phases_follow_each_other_and_lead_back_to_transport(deployment):
 
 
 def test_neither_desired_extensions_nor_voltages_jump(deployment):
-    fastest = max(SupervisorParams().raising_rate, SupervisorParams().lowering_rate)
+    params = PlatformDesign().supervisor
+    fastest = max(params.raising_rate, params.lowering_rate)
     desired = deployment.signals["extension_desired_state"][:, :4]
     assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * fastest * PERIOD
     voltage = deployment.signals["legs.voltage"]
@@ -154,7 +156,7 @@ def test_the_platform_drives_in_transport_only(deployment):
 
 
 def test_all_legs_are_up_while_it_drives(deployment):
-    params = SupervisorParams()
+    params = PlatformDesign().supervisor
     up = during(deployment, Phase.TRANSPORT, "legs.extension")
     assert up.min() >= params.raised - params.arrived - 1e-5
     assert during(deployment, Phase.TRANSPORT, "truth.foot_height").min() > 0.1
@@ -228,7 +230,8 @@ def test_a_platform_that_is_stopped_while_it_is_lowered_goes_back_without_a_jump
     stopped = run([go, stop, Step(Phase.TRANSPORT, 0.5)], 0.0, 30.0)
     assert order_of(stopped) == ["TRANSPORT", "BRAKE", "LOWER", "RETRACT", "TRANSPORT"]
     desired = stopped.signals["extension_desired_state"][:, :4]
-    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * SupervisorParams().raising_rate * PERIOD
+    fastest = PlatformDesign().supervisor.raising_rate
+    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * fastest * PERIOD
     assert np.abs(np.diff(stopped.signals["legs.voltage"], axis=0)).max() < 0.5
 
 

@@ -235,9 +235,9 @@ REFUSALS = [
     *(
         (f"run identify-actuators --set {override}", rf"{re.escape(key)} .*")
         for override, key in (
-            ("steps.voltages.3=0", "steps.voltages.3"),
-            ("steps.voltages.1=2", "steps.voltages.2"),
-            ("steps.voltages.9=-11", "steps.voltages.9"),
+            ("steps.voltages=[1,-1,1,0,2,-2,1,-1,1,-1]", "steps.voltages.3"),
+            ("steps.voltages=[0.75,2,1.25,-1.5,1.75,-2,2.25,-2.5,2.75,-3]", "steps.voltages.2"),
+            ("steps.voltages=[0.75,-1,1.25,-1.5,1.75,-2,2.25,-2.5,2.75,-11]", "steps.voltages.9"),
             ("machine.actuators.supply_voltage=2.9", "steps.voltages.9"),
             ("steps.voltages=[1,-1,1,-1,1,-1,1,-1,1,-1]", "steps.voltages"),
         )

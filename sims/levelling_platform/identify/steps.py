@@ -20,7 +20,8 @@ class StepsScenario(Schema):
 
     Attributes:
         voltages: voltages of the ten steps; positive ones extend the actuators, which lowers the
-            platform [V].
+            platform [V]; null: .75 to 3 V, by the voltage that lifts the platform, so that
+            friction and load count as much in a step as with the paper's.
         travel_mm: way of a nominal actuator in each step, so that small voltages last longer [mm];
             null: two fifths of the stroke on the ground.
         rest_s: time at 0 V before, between and after the steps [s].
@@ -37,9 +38,7 @@ class StepsScenario(Schema):
             the paper's feet are some six times as fast; null: that of the supervised operation.
     """
 
-    voltages: list[float] = quantity(
-        [0.75, -1.0, 1.25, -1.5, 1.75, -2.0, 2.25, -2.5, 2.75, -3.0], -1000.0, 1000.0, length=10
-    )
+    voltages: list[float] | None = quantity(None, -1000.0, 1000.0, length=10)
     travel_mm: float | None = quantity(None, 0.01, 20_000.0)
     rest_s: float = quantity(0.3, 0.1, 5.0)
     transient_s: float = quantity(0.1, 0.0, 1.0)
@@ -61,9 +60,13 @@ class StepsScenario(Schema):
                 (self.lowering_mm_s, machine.supervisor.lowering_rate),
             )
         )
+        voltages = self.voltages
+        if voltages is None:
+            by_friction = machine.friction_voltages[1] / PlatformDesign().friction_voltages[1]
+            voltages = [round(by_friction * volts, 2) for volts in _VOLTAGES]
         return StepPlan(
             gain=machine.actuators.params.gain,
-            voltages=tuple(self.voltages),
+            voltages=tuple(voltages),
             travel=travel,
             rest=self.rest_s,
             transient=self.transient_s,
@@ -75,6 +78,8 @@ class StepsScenario(Schema):
         )
 
 
+# Voltages of the steps of the paper's platform [V].
+_VOLTAGES = (0.75, -1.0, 1.25, -1.5, 1.75, -2.0, 2.25, -2.5, 2.75, -3.0)
 # Shares of the stroke on the ground, and of the way from there to the end stop [-].
 _TRAVEL, _INITIAL, _LIFTED = 0.4, 0.2, 0.375
 

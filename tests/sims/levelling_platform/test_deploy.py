@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.guard import Tripped
 from parapod.diagrams.levelling_platform import controller
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.sims.levelling_platform.deploy import Deploy, DeployScenario
 from parapod.sims.levelling_platform.operation import OperationWatch, PhaseLabel, read_operation
@@ -19,7 +20,7 @@ from parapod.sims.output.logs.files import read_log
 from parapod.systems.core.errors import RefusedRequest
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
-from parapod.systems.levelling_platform.supervisor import Phase, SupervisorParams
+from parapod.systems.levelling_platform.supervisor import Phase
 
 # As little as is an operation: hardly any way there and back, and work without pauses.
 BRIEF = ("drive.distance_m=0.05", "work.hold_s=0.5")
@@ -51,7 +52,8 @@ def test_on_bodies_nothing_that_is_asked_for_jumps_and_all_feet_stand_in_the_end
     log = finished("deploy").log
     period = float(np.diff(log.time).min())
     desired = log.signals["extension_desired_state"][:, :4]
-    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * SupervisorParams().raising_rate * period
+    fastest = PlatformDesign().supervisor.raising_rate
+    assert np.abs(np.diff(desired, axis=0)).max() <= 1.1 * fastest * period
     assert np.abs(np.diff(log.signals["legs.voltage"], axis=0)).max() < 0.5
     holding = log.signals["phase"][:, 0] == Phase.HOLD
     assert log.signals["legs.limits"][holding][-1, 8:].min() == 1.0

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.levelling_platform.supervisor import (
     Command,
     Phase,
     Refusal,
     Supervisor,
-    SupervisorParams,
 )
 from parapod.systems.safety.faults import Severity
 
-PERIOD = 0.01
-RAISED, LOW = np.full(4, SupervisorParams().raised), np.full(4, 0.42)
+PERIOD, PARAMS = 0.01, PlatformDesign().supervisor
+RAISED, LOW = np.full(4, PARAMS.raised), np.full(4, 0.42)
 STANDING_HEIGHT = 0.390
 ON_LEVEL_WHEELS = {
     "operator": 0.0,
@@ -87,7 +87,7 @@ def operate(stand):
             return Refusal(int(why)), detail
 
     def begin(**inputs):
-        system = Supervisor(DRAWN, SupervisorParams(), STANDING_HEIGHT, PERIOD)
+        system = Supervisor(DRAWN, PARAMS, STANDING_HEIGHT, PERIOD)
         return Operation(system, **(ON_LEVEL_WHEELS | inputs))
 
     return begin

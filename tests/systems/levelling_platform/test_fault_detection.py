@@ -3,15 +3,16 @@
 import itertools
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.levelling_platform.fault_detection import (
     RULES,
     FaultDetector,
-    FaultDetectorParams,
     Finding,
     as_markdown,
 )
@@ -21,7 +22,7 @@ from parapod.systems.levelling_platform.supervisor import Command, Phase
 from parapod.systems.safety.faults import Severity
 from parapod.systems.sensors.imu import ImuParams
 
-PERIOD = 0.01
+PERIOD, PARAMS = 0.01, PlatformDesign().fault_detector
 COUNT = 1e-5  # of the encoders [m]
 K = 0.01  # Eq. (18) [(m/s)/V]
 GRAVITY = 9.81
@@ -86,7 +87,7 @@ def watch(stand):
         def severity(self):
             return self["severity"].item()
 
-    def begin(phase=Phase.HOLD, params=FaultDetectorParams(), **inputs):
+    def begin(phase=Phase.HOLD, params=PARAMS, **inputs):
         given = healthy(phase) | inputs
         watch = Watch(FaultDetector(DRAWN, params, PERIOD), **given)
         # A detector that begins while feet stand has no attitude from before they touched.
@@ -100,7 +101,7 @@ def watch(stand):
 
 @pytest.mark.parametrize("changes", [{}, {"extended": 0.44}, {"retracted": 0.46}])
 def test_end_switches_close_where_a_machine_has_them(watch, changes):
-    found = watch(Phase.TRANSPORT, FaultDetectorParams(**changes)).wait(0.3).findings
+    found = watch(Phase.TRANSPORT, replace(PARAMS, **changes)).wait(0.3).findings
     assert found == ({Finding.SWITCH_END} if changes else set())
 
 

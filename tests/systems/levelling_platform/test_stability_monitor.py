@@ -10,6 +10,7 @@ from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.stability_monitor import (
     StabilityMonitor,
     StabilityMonitorParams,
+    usual_margin,
 )
 from parapod.systems.levelling_platform.zero_moment_point import (
     ArmMotion,
@@ -20,7 +21,7 @@ from parapod.systems.levelling_platform.zero_moment_point import (
 )
 
 PERIOD = 0.01
-PARAMS = StabilityMonitorParams()
+PARAMS = StabilityMonitorParams(margin=usual_margin(GEOMETRY))
 ATTITUDE, GROUND = (0.01, -0.015), (0.03, -0.02)
 EXTENSION = inverse_kinematics(GEOMETRY, (*ATTITUDE, 0.475), GROUND)
 FOOTING = Footing(EXTENSION, ATTITUDE, GROUND)

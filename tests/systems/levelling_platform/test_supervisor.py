@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
@@ -15,14 +16,13 @@ from parapod.systems.levelling_platform.supervisor import (
     Event,
     Phase,
     Refusal,
-    SupervisorParams,
     Transition,
     as_mermaid,
     next_phase,
 )
 
 PERIOD = 0.01
-PARAMS = SupervisorParams()
+PARAMS = PlatformDesign().supervisor
 POSTURE = (0.0, 0.0, 0.47)
 OTHER = (0.0, 0.0, 0.46)
 FAR = (0.0, 0.0, 0.7)

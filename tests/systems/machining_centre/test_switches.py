@@ -99,7 +99,7 @@ def test_a_clamp_closes_only_on_the_panel(switches, share, closes):
     lifted = FEET.copy()
     along, across, _ = PANEL.place(FEET[1, :3])
     lifted[1] = PANEL.frame(
-        along, across, PANEL.heading(FEET[1]), height=PANEL.foot_height + share * REACH
+        along, across, PANEL.heading(FEET[1]), height=PANEL.foot_height * (1.0 + share * REACH)
     )
     machine = switches().tick(2, clamps_command=UNCLAMPED)
     machine.tick(5, feet=lifted.ravel(), clamps_command=CLAMPED)
@@ -225,7 +225,7 @@ def test_a_clamp_holds_its_foot_only_on_the_panel_and_at_rest(bodies):
     bodies.ask(clamps=CLAMPED)
     assert not is_active(model, context, 2)
     joint.set_translational_velocity(context, (0.0, 0.0, 0.0))
-    joint.SetTranslation(context, np.add(HOME[:3], (0.0, 0.0, 2.0 * REACH)))
+    joint.SetTranslation(context, np.add(HOME[:3], (0.0, 0.0, 2.0 * REACH * PANEL.foot_height)))
     bodies.ask(clamps=CLAMPED)
     assert not is_active(model, context, 2)
     joint.SetTranslation(context, np.add(HOME[:3], (0.001, 0.0, 0.0)))
