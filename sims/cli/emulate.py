@@ -1,7 +1,9 @@
 """`parapod emulate`: the simulated machine behind emulated devices, for another program."""
 
 import argparse
+import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from parapod.sims.cli.arguments import (
@@ -12,6 +14,8 @@ from parapod.sims.cli.arguments import (
     machine_of,
 )
 
+# Parts of a scenario that are behind the devices, and what ends their names.
+_BEHIND, _KEY = ("backend", "plant", "faults"), re.compile("[.=]")
 _SLOWEST = 0.01  # rate: a job of half a minute takes an hour [-]
 
 HELP = "put the simulated machine behind emulated devices"
@@ -68,6 +72,23 @@ def _rate(text: str) -> float:
     return rate
 
 
+def _repeated(arguments: argparse.Namespace, settings: Sequence[str]) -> list[str]:
+    """Options of another program that is to have the same machine.
+
+    Args:
+        arguments: those of this command.
+        settings: settings of the job on devices, before those of the command.
+    """
+    options = []
+    for name in ("scenario", "machine", "drivers", "seed"):
+        value = getattr(arguments, name)
+        if value is not None:
+            options += [f"--{name}", str(value)]
+    own = [each for each in arguments.overrides if _KEY.split(each)[0] not in _BEHIND]
+    changes = [*settings, *own]
+    return options + ["--set", *changes] * bool(changes)
+
+
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     import math
@@ -91,7 +112,7 @@ def execute(arguments: argparse.Namespace) -> int:
             emulate(
                 *(machine, scenario, requests, duration, arguments.log),
                 experiment=arguments.name,
-                settings=experiment.on_devices,
+                options=_repeated(arguments, experiment.on_devices),
                 rate=arguments.rate,
             )
     except KeyboardInterrupt:

@@ -25,7 +25,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.scenario import GroundScenario, PlatformFault
+from parapod.diagrams.levelling_platform.scenario import (
+    ControlScenario,
+    GroundScenario,
+    PlatformFault,
+)
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.runner import Runner
 from parapod.sims.lab.work import LocalCrew, WorkerDied, carry_out
@@ -124,6 +128,7 @@ class FaultCampaignScenario(Schema):
         backend: plant behind the station's ports: "kinematic" (quasi-static).
         seed: seed of the machine, its noise and the garbage.
         ground: see `GroundScenario`.
+        control: see `ControlScenario`.
         device: device that fails; "all" for each in turn.
         phase: phase in which the faults begin; "all" for each in turn.
         window: time for which each fault is watched [s].
@@ -132,6 +137,7 @@ class FaultCampaignScenario(Schema):
     backend: str = choice("kinematic", ("kinematic",))
     seed: int = quantity(0, 0, 2**31 - 1)
     ground: GroundScenario = field(default_factory=uneven_ground)
+    control: ControlScenario = field(default_factory=ControlScenario)
     device: str = choice(_ALL, (_ALL, *DEVICES))
     phase: str = choice(_ALL, (_ALL, *(phase.name.lower() for phase in PHASES)))
     window: float = quantity(10.0, 0.5, 60.0)
@@ -140,7 +146,11 @@ class FaultCampaignScenario(Schema):
     def operation(self) -> DeployScenario:
         """The operation that is disturbed."""
         return DeployScenario(
-            backend=self.backend, seed=self.seed, ground=self.ground, work=WorkScenario()
+            backend=self.backend,
+            seed=self.seed,
+            ground=self.ground,
+            control=self.control,
+            work=WorkScenario(),
         )
 
 

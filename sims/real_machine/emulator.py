@@ -4,6 +4,7 @@ import itertools
 import math
 import multiprocessing
 import os
+import shlex
 import signal
 import sys
 import time
@@ -446,7 +447,7 @@ def emulate(
     log: Path | None = None,
     console: Console | None = None,
     experiment: str | None = None,
-    settings: Sequence[str] = (),
+    options: Sequence[str] = (),
     rate: float | None = None,
 ) -> None:
     """Runs emulated devices until Ctrl-C, or for a time.
@@ -462,7 +463,7 @@ def emulate(
         log: file for all ports, the truth among them, in MCAP; or None.
         console: console for remarks.
         experiment: experiment that another program may run with it; None: the machine's own.
-        settings: settings with which that program may run it, as for `--set`.
+        options: options with which that program may run it.
         rate: see `EmulatedMachine` [-].
 
     Raises:
@@ -484,7 +485,7 @@ def emulate(
             units, sizes = emulated.ports()
             record = stack.enter_context(LiveLog(log, units, sizes, metadata, schedule.say))
         stack.enter_context(emulated.devices())
-        _introduce(emulated, scenario, experiment or machine.experiment, settings, screen)
+        _introduce(emulated, scenario, experiment or machine.experiment, options, screen)
         schedule.listen()
         every = max(1, round(_LOG_PERIOD / emulated.period))
         ticks = itertools.count()
@@ -507,14 +508,12 @@ def _introduce(
     emulated: EmulatedMachine,
     scenario: Any,
     experiment: str,
-    settings: Sequence[str],
+    options: Sequence[str],
     console: Console,
 ) -> None:
     hardware: HardwareScenario = scenario.hardware
     tags = ", ".join(f"{type(d).__name__} ({d.part})" for d in hardware.drivers)
-    run = f"parapod run {experiment} --backend hardware"
-    if settings:
-        run = f"{run} --set {' '.join(settings)}"
+    run = shlex.join(("parapod", "run", experiment, "--backend", "hardware", *options))
     for line in (
         f"emulated: {tags}",
         f"in {emulator_directory()}; physics: {scenario.backend}",

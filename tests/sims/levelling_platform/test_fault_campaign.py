@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from parapod.diagrams.levelling_platform.scenario import ControlScenario
 from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.levelling_platform.deploy import DeployScenario
 from parapod.sims.levelling_platform.fault_campaign import (
@@ -163,3 +164,8 @@ def test_a_campaign_is_broken_by_a_fault_that_does_harm_unnoticed():
     assert broken(found) == set()
     for spoilt in ({"stray_deg": FAR}, {"bounded": False}):
         assert broken(found, replace(CELL, **spoilt))
+
+
+def test_a_campaign_disturbs_the_controller_of_its_scenario():
+    scenario = FaultCampaignScenario(control=ControlScenario(period=0.02))
+    assert scenario.operation.control.period == 0.02
