@@ -14,6 +14,7 @@ whole strides their mean is the weight, within a stance their impulse is that of
 | real-time factor, nothing recorded | 2.7 | 2.5 |
 """
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -39,8 +40,9 @@ from parapod.sims.terrain_simulator.live import LiveBench
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.vectors import Array
-from parapod.systems.terrain_simulator.kinematics import slider_rates
+from parapod.systems.terrain_simulator.kinematics import jacobian, slider_rates
 from parapod.systems.terrain_simulator.operator import BenchControls
+from parapod.systems.terrain_simulator.ranges import holding_forces
 from parapod.systems.terrain_simulator.walk import BenchWalk, WalkMotion, check_walk
 
 if TYPE_CHECKING:
@@ -49,6 +51,9 @@ if TYPE_CHECKING:
 # Bounds of the plate's error and of the gaps in the loops of a bench as large as the paper's, and
 # of the mean force [mm, um, -].
 _PLATE_MM, _CLOSED_UM, _MEAN = 0.1, 20.0, 1e-3
+# Share of the plate's error that sliders may make which give way, and instants that are looked
+# at.
+_YIELDING, _INSTANTS = 0.8, 1000
 # Strides that pass before a walk counts as steady.
 _SETTLING = 3
 # Shortest period of a loop through three drives on one bus of 1 Mbit/s [s].
@@ -140,6 +145,7 @@ class BenchWalking(BenchExperiment[TerrainBenchScenario, Run]):
         """
         super().check(scenario)
         check_bench(scenario)
+        check_stiffness(scenario)
 
     def duration(self, scenario: TerrainBenchScenario) -> float:
         """Until the leg has stood a while [s]."""
@@ -217,6 +223,35 @@ def check_bench(scenario: TerrainBenchScenario) -> None:
     # A controller of the user's own has gains of its own.
     period = 0.0 if scenario.leg.controller else scenario.leg_period
     scenario.leg.under_test.check(walk, period)
+
+
+def check_stiffness(scenario: TerrainBenchScenario) -> None:
+    """Refuses sliders that the gait's force takes from their path by as much as the plate may be.
+
+    The force in closed form predicts the plate's error of soft sliders within a tenth: .093 mm for
+    .094 mm of a pedal's of 2 N/um, .108 mm for .110 mm of a treadmill's of 20 N/um.
+
+    Raises:
+        ScenarioError: names the key, and the admissible values.
+    """
+    machine, walk = scenario.machine, scenario.walk
+    geometry, sliders = machine.geometry, machine.sliders
+    motion = walk.at(np.linspace(0.0, walk.duration, _INSTANTS))
+    pose, ahead = motion.pose[0], walk.hip[0] + motion.foot[0, :, 0] - motion.pose[0, :, 0]
+    load = motion.force[:, np.newaxis] * np.stack(
+        (0.0 * ahead, -1.0 + 0.0 * ahead, ahead), axis=-1
+    )
+    forces = holding_forces(geometry, machine.masses, pose, load)
+    ways = np.einsum("nij,nj->ni", jacobian(geometry, pose), forces) / sliders.stiffness_N_um
+    way = 1e-3 * float(np.hypot(*ways[:, :2].T).max())
+    most = _YIELDING * geometry.size * _PLATE_MM
+    if way > most:
+        key, own = "machine.sliders.stiffness_N_um", sliders.stiffness_N_um
+        raise ScenarioError(
+            f"{key} = {own:g}: the leg takes the plate {way:.2g} mm from its path, and {most:.2g} "
+            f"mm is tolerable; it must be at least {math.ceil(1e3 * own * way / most) / 1e3:g}",
+            key,
+        )
 
 
 def walking_loop(

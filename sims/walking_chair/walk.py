@@ -36,6 +36,7 @@ from parapod.sims.lab.runner import LOOK_PERIOD, Live, make_viewer
 from parapod.sims.output.figures import Figure, draw_bound, shade
 from parapod.sims.output.results import Metric
 from parapod.systems.core.controls import shown
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.checks import check_forces, check_gait, walk_forces
@@ -107,6 +108,7 @@ class ChairExperiment[D](LoopExperiment[ChairScenario, D]):
         GaitSupport(machine.geometry, walk, machine.masses).check(passenger, required)
         limit, stiffness = drives.max_force_N, drives.stiffness
         check_forces(machine.geometry, walk, passenger, machine.masses, limit, stiffness)
+        check_stiffness(scenario)
 
     def duration(self, scenario: ChairScenario) -> float:
         """Standing, walk, standing [s]."""
@@ -463,6 +465,25 @@ def _margin(scenario: ChairScenario, time: NDArray[np.float64], signals: Signals
         draw,
         (9.0, 3.2),
     )
+
+
+def check_stiffness(scenario: ChairScenario) -> None:
+    """Refuses branches that give way by more than half of what the body's error may be.
+
+    Raises:
+        ScenarioError: names the key, and the admissible values.
+    """
+    machine, passenger = scenario.machine, scenario.passenger.passenger
+    drives, masses = machine.drives, machine.masses
+    _, at_rest = walk_forces(machine.geometry, scenario.walk, passenger, masses, drives.stiffness)
+    way, most = 1e3 * float(np.abs(at_rest).max()) / drives.stiffness, 0.5 * _body_bound(scenario)
+    if way > most:
+        key, own = "machine.drives.stiffness_N_um", drives.stiffness_N_um
+        raise ScenarioError(
+            f"{key} = {own:g}: at rest a branch gives way by {way:.2g} mm, and {most:.2g} mm is "
+            f"tolerable; it must be at least {math.ceil(1e3 * own * way / most) / 1e3:g}",
+            key,
+        )
 
 
 # Name, smallest and largest value, step: of the passenger's mass and place.
