@@ -1,12 +1,15 @@
 """Machines that are not the papers', from files of dimensions: they hold their bounds."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.cli.main import main
+from parapod.sims.lab.discovery import find_entry
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 
 MACHINES = Path(__file__).parents[2] / "examples" / "machines"
@@ -20,6 +23,7 @@ JOBS = [
         ("passenger.mass_kg=25", "passenger.height_mm=260", "passenger.gyration_mm=190"),
     ),
     ("five_limbs", "centre-machining", ()),
+    ("long_bench", "bench-walk", ()),
 ]
 
 
@@ -52,6 +56,10 @@ def refuse(experiment, setting, words, capsys, tmp_path):
         ("machine.base={body: {mass_kg: 9000}}", "cannot lift itself: that takes 13.1 V"),
         ("machine.base={body: {mass_kg: 20, centre_mm: [0, 2000, 0]}}", "it tips over"),
         ("machine.actuators.stop_min_mm=395", "not within the end stops of machine.actuators"),
+        (
+            "machine.actuators.motor_constant_N_V=2000",
+            "break away from friction only when the platform is 0.15 deg off, and 0.1 deg is",
+        ),
         ("machine.legs.l_4_mm=900", "cannot stand level on actuators of 390 to 420 mm"),
         (
             "machine.legs={l_3_mm: 60, l_4_mm: 360, alpha_deg: 78}",
@@ -80,6 +88,7 @@ def test_a_platform_that_cannot_be_is_refused_in_one_line(setting, words, capsys
         ("machine.leg.a_mm=330", "the platforms of legs 1 and 2 overlap by 17 mm"),
         ("machine.body={mass_kg: 40, centre_mm: [0, 900, 0]}", "it tips over"),
         ("machine.body.mass_kg=500", "it cannot lift itself: a branch has to hold 510 N, 82 N"),
+        ("machine.drives.stiffness_N_um=0.3", "at rest a branch gives way by 0.67 mm, and 0.5 mm"),
     ],
 )
 def test_a_chair_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
@@ -107,10 +116,43 @@ def test_a_centre_that_cannot_be_is_refused_in_one_line(setting, words, capsys, 
         ("machine.slider_max_mm=400", "is too short for a level plate; it must be more than 455"),
         ("machine.hip_max_mm=300", "must be more than hip_min_mm = 400"),
         ("machine.plate={mass_kg: 900}", "it cannot lift its plate: a slider has to hold 7206 N"),
+        (
+            "machine.sliders.stiffness_N_um=2",
+            "the leg takes the plate 0.093 mm from its path",
+        ),
+        (
+            "machine={configuration: treadmill, sliders: {stiffness_N_um: 20}}",
+            "it must be at least",
+        ),
     ],
 )
 def test_a_bench_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):
     refuse("bench-walk", setting, words, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "key", "value"),
+    [
+        ("level", "machine.actuators.motor_constant_N_V", "2000"),
+        ("chair-walk", "machine.drives.stiffness_N_um", "0.3"),
+        ("bench-walk", "machine.sliders.stiffness_N_um", "2"),
+    ],
+)
+def test_a_drive_that_is_too_soft_is_refused_with_one_that_would_do(experiment, key, value):
+    entry = find_entry(experiment)
+    kind = entry.load()
+
+    def check(value):
+        overrides = (f"{key}={value}",)
+        kind.check(load_scenario(kind.schema, entry.default_scenario, None, overrides))
+
+    with pytest.raises(ScenarioError) as refused:
+        check(value)
+    assert refused.value.key == key
+    least = float(re.search(r"it must be at least ([\d.]+)$", str(refused.value))[1])
+    check(least)
+    with pytest.raises(ScenarioError, match=key):
+        check(0.98 * least)
 
 
 DECK = """<?xml version="1.0"?>
