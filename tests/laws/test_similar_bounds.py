@@ -15,7 +15,9 @@ from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.diagrams.terrain_simulator.design import BenchDesign
+from parapod.diagrams.walking_chair import guard
 from parapod.diagrams.walking_chair.design import ChairDesign
+from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.sims.lab.discovery import find_entry
 from parapod.sims.terrain_simulator import course, leg
 from parapod.systems.core.physics import GRAVITY
@@ -154,6 +156,28 @@ def test_what_no_ground_explains_is_similar_for_a_similar_chair():
     usual, own = unexplained
     assert np.abs(usual).max() > 10.0
     np.testing.assert_allclose(own, S**3 * usual, rtol=1e-6, atol=1e-6 * np.abs(own).max())
+
+
+def test_the_guard_weighs_moments_by_the_size_of_the_chair_that_it_watches(monkeypatch):
+    levers = []
+
+    def remember(stand, mass, forces, own, lever):
+        levers.append(lever)
+        return np.zeros(12)
+
+    monkeypatch.setattr(guard, "unexplained_forces", remember)
+    for s in (1.0, S):
+        scenario = ChairScenario(machine=similar(ChairDesign(), s))
+        leg = scenario.machine.geometry.leg
+        lengths = np.tile(leg_inverse(leg, s * np.array((0.03, 0.05, -0.75))), 4)
+        values = {
+            "legs.position": lengths,
+            "legs.current": np.ones(12),
+            "support": np.ones(4),
+            "payload_estimated": np.array((57.0, 0.0, 0.0)),
+        }
+        assert guard.ChairGuard(scenario).check(1.0, values) is None
+    assert levers == pytest.approx([0.2, 0.2 * S], rel=1e-12)
 
 
 def test_a_clamp_reaches_as_far_as_its_foot_is_large():
