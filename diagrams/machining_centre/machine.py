@@ -46,7 +46,10 @@ def _limits(scenario: CentreScenario) -> Limits:
     geometry, legs = scenario.machine.geometry, scenario.machine.legs
     stroke = geometry.stroke_min, geometry.stroke_max
     speed, force = 1e-3 * legs.max_velocity_mm_s, legs.max_force_N
-    current, off = force / legs.force_per_current_N_A, CentreLimits().following
+    current, off = (
+        force / legs.force_per_current_N_A,
+        CentreLimits.for_machine(scenario.machine).following,
+    )
     return {
         **dict.fromkeys(("legs.position", "legs.position_command"), stroke),
         "legs.velocity": (-speed, speed),

@@ -7,7 +7,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import named, wired
 from parapod.systems.actuators.compound_position_controller import CompoundPositionController
-from parapod.systems.walking_chair.feedforward import ChairFeedforward, EasedStart
+from parapod.systems.walking_chair.feedforward import FARTHEST, ChairFeedforward, EasedStart
 from parapod.systems.walking_chair.geometry import BRANCHES
 from parapod.systems.walking_chair.payload import PayloadEstimator, PayloadEstimatorParams
 from parapod.systems.walking_chair.planner import GaitPlanner
@@ -46,7 +46,7 @@ def make_controller(scenario: ChairScenario, is_operated: bool = False) -> Diagr
     systems = (
         GaitPlanner(walk, geometry, control.period, scenario.begin),
         ChairFeedforward(geometry),
-        EasedStart(period=control.period),
+        EasedStart(period=control.period, farthest=FARTHEST * geometry.leg.size),
         CompoundPositionController(control.params(drives), len(BRANCHES), control.period),
         PayloadEstimator(estimator, geometry, masses),
         SupportMonitor(walk, required, geometry, masses),

@@ -77,7 +77,7 @@ class ChairFeedforward(LeafSystem):
         output.SetFromVector(self._motion.value(self, context).acceleration.ravel())
 
 
-# Largest distance of a branch from its length at the start [m].
+# Largest distance of a branch from its length at the start, of the paper's leg [m].
 FARTHEST = 0.020
 
 
@@ -90,11 +90,11 @@ class NotAtStart(ParapodError):
         expected: its length at the beginning of the walk [m].
     """
 
-    def __init__(self, branch: str, length: float, expected: float):
+    def __init__(self, branch: str, length: float, expected: float, farthest: float):
         self.branch, self.length, self.expected = branch, length, expected
         super().__init__(
             f"{branch} is {1e3 * length:.2f} mm long, but the walk begins with "
-            f"{1e3 * expected:.2f} mm; bring all branches to within {1e3 * FARTHEST:g} mm of that"
+            f"{1e3 * expected:.2f} mm; bring all branches to within {1e3 * farthest:g} mm of that"
         )
 
 
@@ -111,17 +111,18 @@ class EasedStart(LeafSystem):
     been one, and when (2). The difference fades by a quintic within `duration`.
 
     Bad input: `NotAtStart` is raised at the first sample if a branch is further off than
-    `FARTHEST`; where a value is not finite, nodes are the gait's.
+    `farthest`; where a value is not finite, nodes are the gait's.
 
     Args:
         duration: duration of the fading [s].
         period: period of the samples [s].
+        farthest: largest distance of a branch from its length at the start [m].
     """
 
-    def __init__(self, duration: float = 1.0, period: float = 0.01):
+    def __init__(self, duration: float = 1.0, period: float = 0.01, farthest: float = FARTHEST):
         super().__init__()
         self.set_name("eased_start")
-        self._duration = duration
+        self._duration, self.farthest = duration, farthest
         count = len(BRANCHES)
         self._length = self.DeclareVectorInputPort("length", count)
         self._measured = self.DeclareVectorInputPort("position_measured", count)
@@ -162,7 +163,8 @@ class EasedStart(LeafSystem):
             return
         offset = self._offset(context)
         worst = int(np.abs(offset).argmax())
-        if abs(offset[worst]) > FARTHEST:
+        if abs(offset[worst]) > self.farthest:
             expected = float(read_array(self._length, context)[worst])
-            raise NotAtStart(BRANCHES[worst], expected + float(offset[worst]), expected)
+            length = expected + float(offset[worst])
+            raise NotAtStart(BRANCHES[worst], length, expected, self.farthest)
         discrete_state.set_value(np.concatenate((offset, (1.0, context.get_time()))))

@@ -16,6 +16,7 @@ from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.walking_chair import guard
+from parapod.diagrams.walking_chair.controller import make_controller as make_chair_controller
 from parapod.diagrams.walking_chair.design import ChairDesign
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.sims.lab.discovery import find_entry
@@ -205,3 +206,13 @@ def test_steps_of_the_voltage_go_with_what_lifts_the_platform():
     assert usual == (0.75, -1.0, 1.25, -1.5, 1.75, -2.0, 2.25, -2.5, 2.75, -3.0)
     scenario.machine.actuators.motor_constant_N_V /= 3.0
     assert scenario.plan.voltages == pytest.approx([3.0 * volts for volts in usual], abs=0.006)
+
+
+def test_how_far_off_its_beginning_a_chair_may_stand_goes_with_its_strokes():
+    usual, own = ChairDesign(), similar(ChairDesign(), S)
+    one, other = (
+        make_chair_controller(ChairScenario(machine=design)).GetSubsystemByName("eased_start")
+        for design in (usual, own)
+    )
+    assert one.farthest == 0.02
+    assert other.farthest == pytest.approx(S * one.farthest, rel=1e-12)
