@@ -5,13 +5,10 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from numpy.typing import NDArray
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.controller import make_controller
-from parapod.diagrams.levelling_platform.guard import PlatformGuard
-from parapod.diagrams.levelling_platform.homing import make_homing
 from parapod.diagrams.levelling_platform.mujoco import add_mujoco_plant
 from parapod.diagrams.levelling_platform.plants import (
     add_kinematic_plant,
@@ -20,11 +17,11 @@ from parapod.diagrams.levelling_platform.plants import (
     mirror,
 )
 from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
+from parapod.diagrams.levelling_platform.real import make_real
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.twin import PlatformTwin
+from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.real import MachineView, RealMachine, SelfTest
 from parapod.diagrams.wiring import named_source
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
@@ -92,64 +89,11 @@ def _limits(scenario: LevellingScenario) -> Limits:
     }
 
 
-# Voltages of a self-test by the supply's: usual and largest [-].
-_USUAL, _LARGEST = 1.0 / 12.0, 1.0 / 6.0
-# Resolution of the optical tracker of Appendix B [mm, deg].
-_TRACKER = (0.05, 0.01)
-
-
-def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
-    """The posture as the optical tracker of Appendix B tells it."""
-    roll, pitch, height = signals["truth.posture"].tolist()
-    length, angle = _TRACKER
-    reading = [length * round(1e3 * height / length)]
-    reading += [angle * round(math.degrees(x) / angle) for x in (roll, pitch)]
-    return f"height {reading[0]:.2f} mm, roll {reading[1]:.2f} deg, pitch {reading[2]:.2f} deg"
-
-
-def _real(scenario: LevellingScenario) -> RealMachine[LevellingScenario]:
-    """Self-tests and homing by the actuators, places of the end switches [mm]."""
-    params, switches = scenario.machine.actuators.params, scenario.machine.actuators.switches
-    usual, largest = (share * params.supply_voltage for share in (_USUAL, _LARGEST))
-    legs = SelfTest(
-        command="voltage",
-        usual=usual,
-        largest=largest,
-        measures="extension",
-        gain=params.gain,
-        rest={"stop": 0.0},
-    )
-    wheels = SelfTest(
-        command="velocity_command",
-        usual=1.0,
-        largest=2.0,
-        measures="position",
-        rest={"brake": 0.0},
-    )
-    ends = {"extended_mm": switches.extended, "retracted_mm": switches.retracted}
-    return RealMachine(
-        self_tests={"legs": legs, "wheels": wheels},
-        homings={"legs": make_homing(scenario.machine)},
-        fittings={"legs": {name: round(1e3 * end, 3) for name, end in ends.items()}},
-        exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
-        cut={
-            "legs.voltage": 0.0,
-            "legs.stop": 1.0,
-            "wheels.velocity_command": 0.0,
-            "wheels.brake": 1.0,
-        },
-        drives=("legs.voltage",),
-        switches=("legs.limits",),
-        guard=PlatformGuard,
-        instrument=_instrument,
-    )
-
-
 def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
     """What a real one needs, and the size of faults."""
     machine = scenario.machine
     ports = make_ports(machine.actuators.params, machine.level_heights)
-    return {"ports": ports, "real": _real(scenario)}
+    return {"ports": ports, "real": make_real(scenario)}
 
 
 PLATFORM = Machine(
@@ -167,16 +111,7 @@ PLATFORM = Machine(
     mirror=mirror,
     controller=make_controller,
     sources=make_sources,
-    view=MachineView(
-        PlatformTwin,
-        plots=(
-            "posture_desired_state[0]+attitude_estimated[0]+truth.posture[0]",
-            "posture_desired_state[1]+attitude_estimated[1]+truth.posture[1]",
-            "posture_desired_state[2]+truth.posture[2]",
-            "legs.extension",
-            "legs.voltage",
-        ),
-    ),
+    view=VIEW,
     limits=_limits,
     resets=_resets,
     variant=_variant,

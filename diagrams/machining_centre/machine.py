@@ -9,8 +9,6 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.machining_centre.controller import make_controller
-from parapod.diagrams.machining_centre.drivers import fittings_of
-from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.plants import (
     add_kinematic_plant,
     add_multibody_plant,
@@ -18,18 +16,14 @@ from parapod.diagrams.machining_centre.plants import (
     mirror,
 )
 from parapod.diagrams.machining_centre.ports import PARTS, ports_of_limbs
+from parapod.diagrams.machining_centre.real import CentreLimits, make_real
 from parapod.diagrams.machining_centre.scenario import CentreScenario
-from parapod.diagrams.machining_centre.twin import CentreTwin
+from parapod.diagrams.machining_centre.view import VIEW
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.real import MachineView, RealMachine, SelfTest
 from parapod.diagrams.wiring import named_source
 
 # Upper bound of `stop_at` [s].
 _LAST_STOP = 1e4
-# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
-_ARRIVAL, _LAG = 15.0, 5.0
-# One leg of six moves the platform; one of eight would only strain the other seven.
-_MOVES_ALONE = 3
 
 
 def _stop(scenario: CentreScenario) -> Sequence[System]:
@@ -59,36 +53,11 @@ def _limits(scenario: CentreScenario) -> Limits:
     }
 
 
-# A drive without a lag would run from one set value to the next, and stand in between.
-_BY_DEVICES = {
-    "machine.legs.encoder_resolution_mm": 0.0,
-    "machine.legs.arrival_ms": _ARRIVAL,
-    "machine.legs.time_constant_ms": _LAG,
-}
-_MOVE = SelfTest(
-    command="position_command",
-    usual=0.002,
-    largest=0.01,
-    measures="position",
-    rest={"brake": 0.0, "locks.command": 0.0, "clamps.command": 1.0},
-    is_position=True,
-)
-
-
 def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
-    """Sizes of the ports, and what may be moved alone."""
+    """Sizes of the ports, and names of the legs."""
     limbs = scenario.machine.limbs
-    real = RealMachine(
-        self_tests={"legs": _MOVE} if limbs == _MOVES_ALONE else {},
-        fittings={"legs": fittings_of(scenario.machine.geometry)},
-        exchange={"multibody": 5e-3, "kinematic": 5e-3},
-        by_devices=_BY_DEVICES,
-        cut={"legs.brake": 1.0},
-        switches=("locks.closed", "clamps.closed"),
-        guard=CentreGuard,
-    )
     axes = {"legs": numbered("leg", 2 * limbs)}
-    return {"ports": ports_of_limbs(limbs), "axes": axes, "real": real}
+    return {"ports": ports_of_limbs(limbs), "axes": axes, "real": make_real(scenario)}
 
 
 MACHINING_CENTRE = Machine(
@@ -104,16 +73,7 @@ MACHINING_CENTRE = Machine(
     mirror=mirror,
     controller=make_controller,
     sources=_stop,
-    view=MachineView(
-        CentreTwin,
-        plots=(
-            "pose_desired[0:3]+pose_estimated[0:3]",
-            "pose_desired[3:6]+pose_estimated[3:6]",
-            "legs.position",
-            "wrench_margin",
-        ),
-        log_every=2,
-    ),
+    view=VIEW,
     limits=_limits,
     resets=lambda scenario: ("seed", "machine.legs.length_error_mm"),
     variant=_variant,

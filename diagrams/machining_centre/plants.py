@@ -15,10 +15,10 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.drawing import publish, remove_visuals
-from parapod.diagrams.machining_centre.drawing import add_colours, add_drawing
 from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.machining_centre.ports import PARTS
 from parapod.diagrams.machining_centre.scenario import CentreScenario, Plan
+from parapod.diagrams.machining_centre.view import add_colours, add_drawing
 from parapod.diagrams.multibody import add_discrete_plant, drive_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation

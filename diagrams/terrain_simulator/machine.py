@@ -8,18 +8,14 @@ from pydrake.systems.framework import Diagram
 
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.real import MachineView, RealMachine, SelfTest
 from parapod.diagrams.terrain_simulator.controller import make_controller
-from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.plants import add_bodies, add_kinematics, mirror
 from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
+from parapod.diagrams.terrain_simulator.real import BenchLimits, make_real
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.diagrams.terrain_simulator.twin import BenchTwin
+from parapod.diagrams.terrain_simulator.view import VIEW
 from parapod.diagrams.wiring import outputs_of, wired
 from parapod.systems.terrain_simulator.reference import Task, TerrainReference
-
-# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
-_ARRIVAL, _LAG = 10.0, 3.0
 
 
 def make_terrain(scenario: TerrainBenchScenario, task: Task | None = None) -> Diagram:
@@ -59,39 +55,9 @@ def _limits(scenario: TerrainBenchScenario) -> Limits:
     }
 
 
-_BY_DEVICES = {
-    "machine.sliders.encoder_resolution_mm": 0.0,
-    "machine.sliders.arrival_ms": _ARRIVAL,
-    "machine.sliders.time_constant_ms": _LAG,
-}
-_MOVE = SelfTest(
-    command="position_command",
-    usual=0.002,
-    largest=0.01,
-    measures="position",
-    rest={"brake": 0.0},
-    is_position=True,
-)
-
-
 def _variant(scenario: TerrainBenchScenario) -> Mapping[str, Any]:
-    """Sizes of the ports of the leg, and the drives' limits."""
-    machine = scenario.machine
-    rail = machine.geometry.slider_min, machine.geometry.slider_max
-    ends = {
-        "sliders": [[1e3 * end] * 3 for end in rail],
-        "hip": [[machine.hip_min_mm], [machine.hip_max_mm]],
-    }
-    names = "position_min_mm", "position_max_mm"
-    real = RealMachine(
-        self_tests={"sliders": _MOVE},
-        fittings={part: dict(zip(names, both, strict=True)) for part, both in ends.items()},
-        exchange={"multibody": 5e-3, "kinematic": 5e-3},
-        by_devices=_BY_DEVICES,
-        cut={"sliders.brake": 1.0, "hip.brake": 1.0, "hip.force_command": 0.0, "belt.brake": 1.0},
-        guard=BenchGuard,
-    )
-    return {"ports": ports_of_joints(scenario.leg.ports), "real": real}
+    """Sizes of the ports of the leg, and what a real bench needs."""
+    return {"ports": ports_of_joints(scenario.leg.ports), "real": make_real(scenario)}
 
 
 TERRAIN_BENCH = Machine(
@@ -105,16 +71,7 @@ TERRAIN_BENCH = Machine(
     mirror=mirror,
     controller=make_controller,
     sources=lambda scenario: (make_terrain(scenario),),
-    view=MachineView(
-        BenchTwin,
-        plots=(
-            "pose_desired[0:2]+pose_estimated[0:2]",
-            "pose_desired[2]+pose_estimated[2]",
-            "foot_load[0:2]",
-            "hip.position",
-            "sliders.velocity",
-        ),
-    ),
+    view=VIEW,
     limits=_limits,
     resets=lambda scenario: ("seed",),
     variant=_variant,

@@ -20,13 +20,13 @@ from parapod.diagrams.drawing import publish, remove_visuals
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.terrain_simulator.drawing import profile
 from parapod.diagrams.terrain_simulator.leg import foot_contact
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.model import add_leg_on_slide
 from parapod.diagrams.terrain_simulator.plants import add_leg_ports, add_plate, simulation_of
 from parapod.diagrams.terrain_simulator.ports import PARTS, ports_of_joints
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.terrain_simulator.view import profile
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.walk import BenchWalk

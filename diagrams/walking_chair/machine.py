@@ -1,17 +1,12 @@
 """The walking chair: one declaration."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.real import MachineView, RealMachine, SelfTest
 from parapod.diagrams.walking_chair.controller import make_controller
-from parapod.diagrams.walking_chair.guard import ChairGuard
-from parapod.diagrams.walking_chair.homing import make_homing
 from parapod.diagrams.walking_chair.mujoco import add_mujoco_plant
 from parapod.diagrams.walking_chair.plants import (
     add_kinematic_plant,
@@ -20,8 +15,9 @@ from parapod.diagrams.walking_chair.plants import (
     mirror,
 )
 from parapod.diagrams.walking_chair.ports import PARTS, PORTS
+from parapod.diagrams.walking_chair.real import make_real
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.walking_chair.twin import ChairTwin
+from parapod.diagrams.walking_chair.view import VIEW
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT
 
 
@@ -44,41 +40,6 @@ def _limits(scenario: ChairScenario) -> Limits:
     }
 
 
-# Drives are motor and screw alone: their controllers are among the devices, which count, and close
-# the velocity's loop over the encoder, so that neither an error of the gain nor an offset is left.
-# The lag of that loop stays, because the devices make ramps and have none.
-_BY_DEVICES = {
-    "machine.drives.gain_error": 0.0,
-    "machine.drives.offset_mm_s": 0.0,
-    "machine.drives.encoder_resolution_mm": 0.0,
-}
-_MOVE = SelfTest(
-    command="velocity_command",
-    usual=0.01,
-    largest=0.02,
-    measures="position",
-    rest={"brake": 0.0},
-)
-
-
-def _variant(scenario: ChairScenario) -> Mapping[str, Any]:
-    """The homing, which ends where the legs do, and the drives' limits."""
-    leg = scenario.machine.geometry.leg
-    retracted, extended = (1e3 * leg.strokes).round(3).T.tolist()
-    ends = {"position_min_mm": retracted * LEG_COUNT, "position_max_mm": extended * LEG_COUNT}
-    real = RealMachine(
-        self_tests={"legs": _MOVE},
-        homings={"legs": make_homing(leg)},
-        fittings={"legs": ends},
-        # The quasi-static plant's statics cost more than the bodies' dynamics.
-        exchange={"multibody": 2e-3, "kinematic": 5e-3, "mujoco": 2e-3},
-        by_devices=_BY_DEVICES,
-        cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
-        guard=ChairGuard,
-    )
-    return {"real": real}
-
-
 CHAIR = Machine(
     name="walking_chair",
     title="the walking chair",
@@ -94,21 +55,12 @@ CHAIR = Machine(
     },
     mirror=mirror,
     controller=make_controller,
-    view=MachineView(
-        ChairTwin,
-        plots=(
-            "position_node[0:3]+legs.position[0:3]",
-            "support_margin",
-            "truth.contact_force",
-            "legs.current[0:3]",
-        ),
-        log_every=2,
-    ),
+    view=VIEW,
     limits=_limits,
     resets=lambda scenario: (
         *("seed", "passenger"),
         *("machine.drives.gain_error", "machine.drives.offset_mm_s"),
     ),
-    variant=_variant,
-    **_variant(ChairScenario()),
+    variant=lambda scenario: {"real": make_real(scenario)},
+    real=make_real(ChairScenario()),
 )

@@ -13,9 +13,9 @@ from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_centre.controller import make_controller
-from parapod.diagrams.machining_centre.drawing import draw_panel
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.machining_centre.scenario import CentreScenario
+from parapod.diagrams.machining_centre.view import draw_panel
 from parapod.sims.lab.experiment import LoopExperiment, largest
 from parapod.sims.lab.panel import Readout, Row
 from parapod.sims.lab.run import Monitor, Run, realtime_metric

@@ -27,9 +27,9 @@ from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.style import COLOURS
-from parapod.diagrams.terrain_simulator.drawing import TerrainRibbon
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH, make_terrain
 from parapod.diagrams.terrain_simulator.scenario import BODIES, TerrainBenchScenario
+from parapod.diagrams.terrain_simulator.view import TerrainRibbon
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Run, realtime_metric

@@ -22,7 +22,7 @@ from parapod.diagrams.walking_chair.design import ChairDesign
 from parapod.diagrams.walking_chair.leg_loop import LegLoopParams, make_leg_loop
 from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
-from parapod.diagrams.walking_chair.twin import LegTwin
+from parapod.diagrams.walking_chair.view import LegTwin
 from parapod.sims.lab.experiment import Experiment, Logged
 from parapod.sims.lab.runner import Runner
 from parapod.sims.output.drawn import LogDrawing

@@ -10,9 +10,9 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.epos2 import Epos2TorqueAxes
 from parapod.diagrams.terrain_simulator.controller import make_controller
 from parapod.diagrams.terrain_simulator.design import BenchDesign, CellsScenario
-from parapod.diagrams.terrain_simulator.guard import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.plants import make_sliders
+from parapod.diagrams.terrain_simulator.real import BenchGuard, BenchLimits
 from parapod.diagrams.terrain_simulator.scenario import (
     BenchControlScenario,
     GaitScenario,

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_centre.design import CentreDesign, LegScenario
-from parapod.diagrams.machining_centre.guard import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
+from parapod.diagrams.machining_centre.real import CentreGuard, CentreLimits
 from parapod.diagrams.machining_centre.scenario import (
     CentreScenario,
     HolesScenario,

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams import drawing
 from parapod.diagrams.drawing import publish
-from parapod.diagrams.machining_centre.drawing import SwitchColours
+from parapod.diagrams.machining_centre.view import SwitchColours
 from parapod.diagrams.wiring import add
 from parapod.sims.walking_chair.report import chapter
 from parapod.systems.levelling_platform.sliders import PostureSliders

@@ -10,10 +10,10 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.design import PlatformDesign
-from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.parts import ActuatorScenario, SensorScenario
+from parapod.diagrams.levelling_platform.real import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import (
     ArmScenario,
     ControlScenario,

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from parapod.diagrams.bodies import BodyScenario
 from parapod.diagrams.designs import check_design, is_published
 from parapod.diagrams.machine import list_machines
-from parapod.diagrams.machining_centre.guard import CentreLimits
-from parapod.diagrams.terrain_simulator.guard import BenchLimits
-from parapod.diagrams.walking_chair.guard import ChairLimits
+from parapod.diagrams.machining_centre.real import CentreLimits
+from parapod.diagrams.terrain_simulator.real import BenchLimits
+from parapod.diagrams.walking_chair.real import ChairLimits
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Options, check, fields_of

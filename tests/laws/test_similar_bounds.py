@@ -15,7 +15,7 @@ from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.machining_centre.design import CentreDesign
 from parapod.diagrams.machining_centre.scenario import CentreScenario
 from parapod.diagrams.terrain_simulator.design import BenchDesign
-from parapod.diagrams.walking_chair import guard
+from parapod.diagrams.walking_chair import real
 from parapod.diagrams.walking_chair.controller import make_controller as make_chair_controller
 from parapod.diagrams.walking_chair.design import ChairDesign
 from parapod.diagrams.walking_chair.scenario import ChairScenario
@@ -166,7 +166,7 @@ def test_the_guard_weighs_moments_by_the_size_of_the_chair_that_it_watches(monke
         levers.append(lever)
         return np.zeros(12)
 
-    monkeypatch.setattr(guard, "unexplained_forces", remember)
+    monkeypatch.setattr(real, "unexplained_forces", remember)
     for s in (1.0, S):
         scenario = ChairScenario(machine=similar(ChairDesign(), s))
         leg = scenario.machine.geometry.leg
@@ -177,7 +177,7 @@ def test_the_guard_weighs_moments_by_the_size_of_the_chair_that_it_watches(monke
             "support": np.ones(4),
             "payload_estimated": np.array((57.0, 0.0, 0.0)),
         }
-        assert guard.ChairGuard(scenario).check(1.0, values) is None
+        assert real.ChairGuard(scenario).check(1.0, values) is None
     assert levers == pytest.approx([0.2, 0.2 * S], rel=1e-12)
 
 

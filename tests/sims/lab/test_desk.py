@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
 
-from parapod.diagrams.levelling_platform.twin import PlatformTwin
+from parapod.diagrams.levelling_platform.view import PlatformTwin
 from parapod.sims.lab.desk import Desk
 from parapod.sims.lab.panel import Readout, Row
 from parapod.sims.levelling_platform.deploy import DeployScenario

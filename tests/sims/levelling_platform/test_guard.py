@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from parapod.diagrams.levelling_platform.guard import PlatformGuard
+from parapod.diagrams.levelling_platform.real import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.levelling_platform.fault_detection import Finding
 

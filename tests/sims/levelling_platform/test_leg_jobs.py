@@ -9,9 +9,9 @@ from rich.console import Console
 
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.guard import Tripped
-from parapod.diagrams.levelling_platform.guard import PlatformGuard
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.parts import SensorScenario
+from parapod.diagrams.levelling_platform.real import PlatformGuard
 from parapod.diagrams.levelling_platform.scenario import JobScenario
 from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.calibrate import led

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
-from parapod.diagrams.terrain_simulator.twin import BenchTwin
+from parapod.diagrams.terrain_simulator.view import BenchTwin
 from parapod.sims.lab.panel import Readout
 from parapod.sims.terrain_simulator.live import LiveBench
 from parapod.sims.terrain_simulator.walk import BenchWalking, walking_loop

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from parapod.diagrams.walking_chair import guard
-from parapod.diagrams.walking_chair.guard import ChairGuard, ChairLimits
+from parapod.diagrams.walking_chair import real
+from parapod.diagrams.walking_chair.real import ChairGuard, ChairLimits
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.walking_chair.payload import PayloadEstimator
 
@@ -268,4 +268,4 @@ def test_the_limits_in_the_documents_are_those_of_the_guard():
 
 def text():
     """The page, and the guard's own text."""
-    return _HARDWARE.read_text() + inspect.getdoc(guard)
+    return _HARDWARE.read_text() + inspect.getdoc(real)

@@ -1,4 +1,4 @@
-"""The real platform as its sensors measure it, and pale beside it what it is asked for."""
+"""Views of the platform: as its sensors measure it, and pale beside it what it is asked for."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.real import MachineView
 from parapod.diagrams.twin import DESIRED, MEASURED, Twin
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import estimate_ground, forward_kinematics
@@ -133,3 +134,16 @@ def _arm(values: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
 
 def _is_ground_known(values: Mapping[str, NDArray[Any]]) -> bool:
     return "ground_valid" in values and values["ground_valid"][0] > 0.5
+
+
+# How the machine is looked at.
+VIEW = MachineView(
+    PlatformTwin,
+    plots=(
+        "posture_desired_state[0]+attitude_estimated[0]+truth.posture[0]",
+        "posture_desired_state[1]+attitude_estimated[1]+truth.posture[1]",
+        "posture_desired_state[2]+truth.posture[2]",
+        "legs.extension",
+        "legs.voltage",
+    ),
+)

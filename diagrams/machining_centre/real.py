@@ -1,4 +1,7 @@
-"""Guard of the real centre: legs that follow, encoders that are right, data that is young."""
+"""The real centre: its guard, self-test, emulation and emergency stop.
+
+The guard sees legs that follow, encoders that are right, data that is young.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,7 +11,9 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, POSITION, STOP, DriveLimits, SignGuard
 from parapod.diagrams.machining_centre.design import CentreDesign, LegScenario
+from parapod.diagrams.machining_centre.drivers import fittings_of
 from parapod.diagrams.machining_centre.scenario import CentreScenario
+from parapod.diagrams.real import RealMachine, SelfTest
 
 _ERROR, _CURRENT = "length_error", "legs.current"
 
@@ -64,3 +69,38 @@ class CentreGuard(SignGuard[CentreLimits]):
     def _distances(self, values: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
         """See `SignGuard`."""
         return values.get(_ERROR)
+
+
+# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
+_ARRIVAL, _LAG = 15.0, 5.0
+# One leg of six moves the platform; one of eight would only strain the other seven.
+_MOVES_ALONE = 3
+
+# A drive without a lag would run from one set value to the next, and stand in between.
+_BY_DEVICES = {
+    "machine.legs.encoder_resolution_mm": 0.0,
+    "machine.legs.arrival_ms": _ARRIVAL,
+    "machine.legs.time_constant_ms": _LAG,
+}
+_MOVE = SelfTest(
+    command="position_command",
+    usual=0.002,
+    largest=0.01,
+    measures="position",
+    rest={"brake": 0.0, "locks.command": 0.0, "clamps.command": 1.0},
+    is_position=True,
+)
+
+
+def make_real(scenario: CentreScenario) -> RealMachine[CentreScenario]:
+    """What may be moved alone, and the legs' strokes."""
+    limbs = scenario.machine.limbs
+    return RealMachine(
+        self_tests={"legs": _MOVE} if limbs == _MOVES_ALONE else {},
+        fittings={"legs": fittings_of(scenario.machine.geometry)},
+        exchange={"multibody": 5e-3, "kinematic": 5e-3},
+        by_devices=_BY_DEVICES,
+        cut={"legs.brake": 1.0},
+        switches=("locks.closed", "clamps.closed"),
+        guard=CentreGuard,
+    )

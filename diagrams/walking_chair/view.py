@@ -1,4 +1,4 @@
-"""The real chair as its encoders measure it, and pale beside it where its branches are led to."""
+"""Views of the chair: as its encoders measure it, and pale where its branches are led to."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,6 +11,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from parapod.diagrams.drawing import draw, publish
+from parapod.diagrams.real import MachineView
 from parapod.diagrams.twin import DESIRED, MEASURED, Tracker, Twin
 from parapod.diagrams.walking_chair.model import add_leg
 from parapod.diagrams.walking_chair.plants import Beginning, add_drawing, make_statics
@@ -173,3 +174,16 @@ class LegTwin(Twin):
         for name, value in leg_joints(self._geometry, lengths).items():
             positions[self._leg.GetJointByName(name).position_start()] = value
         return positions
+
+
+# How the machine is looked at.
+VIEW = MachineView(
+    ChairTwin,
+    plots=(
+        "position_node[0:3]+legs.position[0:3]",
+        "support_margin",
+        "truth.contact_force",
+        "legs.current[0:3]",
+    ),
+    log_every=2,
+)

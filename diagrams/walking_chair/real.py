@@ -1,4 +1,6 @@
-"""Guard of the real chair: branches that follow and carry, encoders and feet that are right.
+"""The real chair: its guard, self-test, emulation and emergency stop.
+
+The guard sees branches that follow and carry, encoders and feet that are right.
 
 `current_mismatch` compares currents with the nearest forces that the ground can exert: pushing,
 within its cone of friction, on the corners of the feet that stand (or are within 3 mm of the
@@ -16,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, POSITION, STOP, DriveLimits, Sign, SignGuard, first_of
+from parapod.diagrams.real import RealMachine, SelfTest
 from parapod.diagrams.walking_chair.design import ChairDesign, DriveScenario
+from parapod.diagrams.walking_chair.homing import make_homing
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.walking_chair.chair import foot_corners
@@ -182,3 +186,37 @@ class ChairGuard(SignGuard[ChairLimits]):
             f"{explained:.0f} N: does each foot stand, and is each screw whole and free?"
         )
         return Sign(words, self._limits.unexplained_persists, (self.part,), worst)
+
+
+# Drives are motor and screw alone: their controllers are among the devices, which count, and close
+# the velocity's loop over the encoder, so that neither an error of the gain nor an offset is left.
+# The lag of that loop stays, because the devices make ramps and have none.
+_BY_DEVICES = {
+    "machine.drives.gain_error": 0.0,
+    "machine.drives.offset_mm_s": 0.0,
+    "machine.drives.encoder_resolution_mm": 0.0,
+}
+_MOVE = SelfTest(
+    command="velocity_command",
+    usual=0.01,
+    largest=0.02,
+    measures="position",
+    rest={"brake": 0.0},
+)
+
+
+def make_real(scenario: ChairScenario) -> RealMachine[ChairScenario]:
+    """The homing, which ends where the legs do, and the drives' limits."""
+    leg = scenario.machine.geometry.leg
+    retracted, extended = (1e3 * leg.strokes).round(3).T.tolist()
+    ends = {"position_min_mm": retracted * LEG_COUNT, "position_max_mm": extended * LEG_COUNT}
+    return RealMachine(
+        self_tests={"legs": _MOVE},
+        homings={"legs": make_homing(leg)},
+        fittings={"legs": ends},
+        # The quasi-static plant's statics cost more than the bodies' dynamics.
+        exchange={"multibody": 2e-3, "kinematic": 5e-3, "mujoco": 2e-3},
+        by_devices=_BY_DEVICES,
+        cut={"legs.velocity_command": 0.0, "legs.brake": 1.0},
+        guard=ChairGuard,
+    )

@@ -1,4 +1,7 @@
-"""Guard of the real bench: sliders that follow, a plate that is held, cells that bear."""
+"""The real bench: its guard, self-test, emulation and emergency stop.
+
+The guard sees sliders that follow, a plate that is held, cells that bear.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import AGE, DriveLimits, Sign, SignGuard
+from parapod.diagrams.real import RealMachine, SelfTest
 from parapod.diagrams.terrain_simulator.design import BenchDesign
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.systems.terrain_simulator.kinematics import singularity
@@ -123,3 +127,40 @@ class BenchGuard(SignGuard[BenchLimits]):
                 yield "plate_behind", Sign(words, limits.persists)
         if _HIP in values and values[_HIP][0] < limits.lowest:
             yield "hip_low", Sign("the hip is at the end of its slide", limits.persists)
+
+
+# Lag of a drive behind set values, and of its velocity's loop, where devices command it [ms].
+_ARRIVAL, _LAG = 10.0, 3.0
+
+_BY_DEVICES = {
+    "machine.sliders.encoder_resolution_mm": 0.0,
+    "machine.sliders.arrival_ms": _ARRIVAL,
+    "machine.sliders.time_constant_ms": _LAG,
+}
+_MOVE = SelfTest(
+    command="position_command",
+    usual=0.002,
+    largest=0.01,
+    measures="position",
+    rest={"brake": 0.0},
+    is_position=True,
+)
+
+
+def make_real(scenario: TerrainBenchScenario) -> RealMachine[TerrainBenchScenario]:
+    """The drives' limits, and what may be moved alone."""
+    machine = scenario.machine
+    rail = machine.geometry.slider_min, machine.geometry.slider_max
+    ends = {
+        "sliders": [[1e3 * end] * 3 for end in rail],
+        "hip": [[machine.hip_min_mm], [machine.hip_max_mm]],
+    }
+    names = "position_min_mm", "position_max_mm"
+    return RealMachine(
+        self_tests={"sliders": _MOVE},
+        fittings={part: dict(zip(names, both, strict=True)) for part, both in ends.items()},
+        exchange={"multibody": 5e-3, "kinematic": 5e-3},
+        by_devices=_BY_DEVICES,
+        cut={"sliders.brake": 1.0, "hip.brake": 1.0, "hip.force_command": 0.0, "belt.brake": 1.0},
+        guard=BenchGuard,
+    )

@@ -1,10 +1,18 @@
-"""Drawing of the terrain that is played: it goes by beside the bench, under a mark at the foot."""
+"""Views of the bench: as measured, pale where its plate is led to, and the terrain played."""
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from parapod.diagrams.real import MachineView
+from parapod.diagrams.terrain_simulator.plants import add_drawing
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
+from parapod.diagrams.twin import DESIRED, MEASURED, Twin
 from parapod.systems.core.ports import read
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.terrain import Terrain
@@ -80,3 +88,50 @@ def _draw_strip(meshcat: Meshcat, points: Array) -> None:
         for a, b, c in ((0, n, 1), (n, n + 1, 1), (n, 2 * n, n + 1), (2 * n, 2 * n + 1, n + 1))
     ]
     meshcat.SetTriangleMesh(_PATH, vertices.T, np.concatenate(faces).T.astype(np.int32), _GROUND)
+
+
+# Signal with the plate's pose.
+_DRAWN = {MEASURED: "pose_estimated", DESIRED: "pose_desired"}
+_HIP, _LEG = "hip.position", "leg.position"
+
+
+class BenchTwin(Twin):
+    """Two drawings of the bench, with the leg as it is measured."""
+
+    needed = frozenset((_DRAWN[MEASURED], _HIP, _LEG))
+    stand_ins = {_DRAWN[MEASURED]: "truth.pose"}  # noqa: RUF012
+    signals = needed | {_DRAWN[DESIRED]}
+
+    def __init__(self, meshcat: Meshcat | None, scenario: TerrainBenchScenario, prefix: str = ""):
+        """Draws nothing yet; see `Twin`."""
+        super().__init__(meshcat, scenario, prefix)
+        self._x = scenario.walk.hip[0]
+        sizes = {"pose": 3, "hip": 2, "leg": scenario.leg.ports}
+        for drawing in _DRAWN:
+            pose, hip, leg = (self.input(f"{drawing}_{name}", n) for name, n in sizes.items())
+            add_drawing(self.builder, scenario, (pose, hip, leg), meshcat, self.path(drawing))
+        self.finish()
+
+    def show(self, values: Mapping[str, NDArray[Any]], time: float = 0.0) -> None:
+        """See `Twin`."""
+        if not self.knows(values):
+            return
+        positions: dict[str, Any] = {}
+        for drawing, name in _DRAWN.items():
+            positions[f"{drawing}_pose"] = values.get(name, values[_DRAWN[MEASURED]])
+            positions[f"{drawing}_hip"] = [self._x, values[_HIP][0]]
+            positions[f"{drawing}_leg"] = values[_LEG]
+        self._publish(positions, time)
+
+
+# How the machine is looked at.
+VIEW = MachineView(
+    BenchTwin,
+    plots=(
+        "pose_desired[0:2]+pose_estimated[0:2]",
+        "pose_desired[2]+pose_estimated[2]",
+        "foot_load[0:2]",
+        "hip.position",
+        "sliders.velocity",
+    ),
+)

@@ -1,5 +1,9 @@
-"""Guard of the real platform: the fault detector of the supervised operation, for every job."""
+"""The real platform: its guard, self-tests, switches and emergency stop.
 
+The guard is the fault detector of the supervised operation, for every job.
+"""
+
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.guard import Ticks, Trip
+from parapod.diagrams.levelling_platform.homing import make_homing
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.real import RealMachine, SelfTest
 from parapod.systems.levelling_platform.fault_detection import RULES, FaultDetector, Finding
 from parapod.systems.levelling_platform.plane import attitude_seeing
 from parapod.systems.levelling_platform.supervisor import Phase
@@ -108,3 +114,56 @@ class PlatformGuard:
             force = values_by_name.get("accel", _UP)
             values_by_name["attitude"] = attitude_seeing(force if np.any(force) else _UP, _UP)
         return values_by_name
+
+
+# Voltages of a self-test by the supply's: usual and largest [-].
+_USUAL, _LARGEST = 1.0 / 12.0, 1.0 / 6.0
+# Resolution of the optical tracker of Appendix B [mm, deg].
+_TRACKER = (0.05, 0.01)
+
+
+def _instrument(signals: Mapping[str, NDArray[Any]]) -> str:
+    """The posture as the optical tracker of Appendix B tells it."""
+    roll, pitch, height = signals["truth.posture"].tolist()
+    length, angle = _TRACKER
+    reading = [length * round(1e3 * height / length)]
+    reading += [angle * round(math.degrees(x) / angle) for x in (roll, pitch)]
+    return f"height {reading[0]:.2f} mm, roll {reading[1]:.2f} deg, pitch {reading[2]:.2f} deg"
+
+
+def make_real(scenario: LevellingScenario) -> RealMachine[LevellingScenario]:
+    """Self-tests and homing by the actuators, places of the end switches [mm]."""
+    params, switches = scenario.machine.actuators.params, scenario.machine.actuators.switches
+    usual, largest = (share * params.supply_voltage for share in (_USUAL, _LARGEST))
+    legs = SelfTest(
+        command="voltage",
+        usual=usual,
+        largest=largest,
+        measures="extension",
+        gain=params.gain,
+        rest={"stop": 0.0},
+    )
+    wheels = SelfTest(
+        command="velocity_command",
+        usual=1.0,
+        largest=2.0,
+        measures="position",
+        rest={"brake": 0.0},
+    )
+    ends = {"extended_mm": switches.extended, "retracted_mm": switches.retracted}
+    return RealMachine(
+        self_tests={"legs": legs, "wheels": wheels},
+        homings={"legs": make_homing(scenario.machine)},
+        fittings={"legs": {name: round(1e3 * end, 3) for name, end in ends.items()}},
+        exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
+        cut={
+            "legs.voltage": 0.0,
+            "legs.stop": 1.0,
+            "wheels.velocity_command": 0.0,
+            "wheels.brake": 1.0,
+        },
+        drives=("legs.voltage",),
+        switches=("legs.limits",),
+        guard=PlatformGuard,
+        instrument=_instrument,
+    )
