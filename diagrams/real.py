@@ -1,4 +1,4 @@
-"""What a real machine needs beside its drivers, and how it is emulated and looked at."""
+"""Parts of a real machine beside its drivers, its emulation, and how a machine is looked at."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,7 +37,7 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class RealMachine[S]:
-    """What a real machine needs beside its drivers, and how its devices are emulated.
+    """Parts of a real machine beside its drivers, and settings of its emulation.
 
     Attributes:
         self_tests: moves of a part for the self-test of its devices, by part.

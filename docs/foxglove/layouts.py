@@ -29,7 +29,7 @@ def as_layout(machine: Machine[Any]) -> str:
                 is_synced=True,
             )
         )
-        for text in machine.plots
+        for text in machine.view.plots
     ]
     scene = fl.ThreeDeePanel(
         config=fl.ThreeDeeConfig(

@@ -10,10 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from parapod.diagrams.recording import spans
 from parapod.diagrams.style import BOUND, style
 from parapod.sims.output.atomic import atomic_output, check_folder
 from parapod.systems.core.errors import OutputError
@@ -23,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
     from matplotlib.legend import Legend
+    from numpy.typing import ArrayLike
 
 FORMATS = ("svg", "png", "pdf")
 # Size of a caption's letters [point], their mean width and the distance of lines by that size.
@@ -60,7 +57,7 @@ def draw_bound(axes: "Axes", bound: float | None, of: str = "bound") -> None:
         axes.axhline(side, **BOUND)
 
 
-def shade(axes: "Axes", time: ArrayLike, flags: ArrayLike, **look: Any) -> None:
+def shade(axes: "Axes", time: "ArrayLike", flags: "ArrayLike", **look: Any) -> None:
     """Shades the times at which flags are up, behind the curves.
 
     Args:
@@ -69,6 +66,10 @@ def shade(axes: "Axes", time: ArrayLike, flags: ArrayLike, **look: Any) -> None:
         flags: (n) flags.
         look: look of the shades, as Matplotlib's `axvspan` has it.
     """
+    import numpy as np
+
+    from parapod.diagrams.recording import spans
+
     times = np.asarray(time)
     for begin, end in spans(flags):
         axes.axvspan(times[begin], times[min(end, len(times) - 1)], zorder=0, **look)

@@ -401,7 +401,8 @@ def check_job(geometry: CentreGeometry, job: Job, beginning: Posture) -> Posture
         try:
             if isinstance(operation, Drill):
                 above = operation.pose(job.process, job.process.clearance)
-                _check_way(geometry, job, now.pose, above, now.feet)
+                poses = _check_way(geometry, job, now.pose, above, now.feet)
+                _check_weight(geometry, job.process, poses, now.feet)
                 check_drill(geometry, job, operation, now.feet)
                 now = Posture(above, now.feet)
             else:
@@ -412,7 +413,10 @@ def check_job(geometry: CentreGeometry, job: Job, beginning: Posture) -> Posture
     return now
 
 
-def _check_way(geometry: CentreGeometry, job: Job, start: Array, end: Array, feet: Array) -> None:
+def _check_way(
+    geometry: CentreGeometry, job: Job, start: Array, end: Array, feet: Array
+) -> list[Array]:
+    """Poses of the platform on its way, all of which it can take as fast as it is led."""
     by, speeds = displacement(start, end), job.speeds
     poses = [platform_at(start, by, share) for share in np.linspace(0.0, 1.0, _LOOKS_OF_PLATFORM)]
     for pose in poses:
@@ -421,6 +425,24 @@ def _check_way(geometry: CentreGeometry, job: Job, start: Array, end: Array, fee
     duration = duration_of(start, end, speeds, speeds.rapid)
     lengths = leg_lengths(geometry, np.array(poses), feet)
     _check_speeds(job, lengths, duration, "rapid")
+    return poses
+
+
+def _check_weight(
+    geometry: CentreGeometry, process: Process, poses: list[Array], feet: Array
+) -> None:
+    """Refuses legs that do not carry the platform on its way to a hole."""
+    indices = wrench_indices(geometry, np.array(poses), feet).w_minmax
+    hardest = int(np.argmin(indices))
+    alone = float(np.linalg.norm(process.masses.weight(geometry)))
+    capacity = float(indices[hardest]) * geometry.legs * process.largest_leg_force
+    if alone > capacity:
+        needed = math.ceil(process.largest_leg_force * alone / capacity)
+        raise Refused(
+            f"on the way, at {_place(poses[hardest])}, legs of {process.largest_leg_force:g} N "
+            f"resist {capacity:.0f} N in every direction, and the weight needs {alone:.0f} N: "
+            f"legs of {needed} N would do"
+        )
 
 
 def _check_speeds(job: Job, lengths: Array, duration: float, which: str) -> None:

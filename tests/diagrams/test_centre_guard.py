@@ -153,9 +153,9 @@ def test_a_job_as_it_should_be_has_no_sign():
         walk=WalkScenario(advance_mm=15.0, steps=1),
         machine=CentreDesign(legs=LegScenario(length_error_mm=0.2)),
     )
-    loop = ClosedLoop(
-        replace(MACHINING_CENTRE, log_every=1), scenario, log=CentreGuard(scenario).signals
-    )
+    view = replace(MACHINING_CENTRE.view, log_every=1)
+    machine = replace(MACHINING_CENTRE, view=view)
+    loop = ClosedLoop(machine, scenario, log=CentreGuard(scenario).signals)
     simulator = Simulator(loop)
     context = simulator.get_mutable_context()
     loop.reset(context)

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machining_centre.design import CentreDesign, LegScenario
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
-from parapod.diagrams.machining_centre.plants import drive_params
+from parapod.diagrams.machining_centre.plants import Beginning, make_drives
 from parapod.diagrams.machining_centre.scenario import (
     CentreControlScenario,
     CentreScenario,
@@ -60,15 +60,9 @@ def run_to(loop, is_over, rest=0.1, longest=30.0, monitored=True):
 
 
 def test_drives_have_the_scenarios_numbers_in_si_units():
-    drives = drive_params(
-        CentreScenario(
-            machine=CentreDesign(
-                legs=LegScenario(
-                    max_velocity_mm_s=90.0, encoder_resolution_mm=0.02, time_constant_ms=15.0
-                )
-            )
-        )
-    )
+    legs = LegScenario(max_velocity_mm_s=90.0, encoder_resolution_mm=0.02, time_constant_ms=15.0)
+    scenario = CentreScenario(machine=CentreDesign(legs=legs))
+    drives = make_drives(scenario, Beginning.from_scenario(scenario), 0.005).params
     assert (drives.max_velocity, drives.resolution) == pytest.approx((0.09, 2e-5))
     assert drives.time_constant == pytest.approx(0.015)
 

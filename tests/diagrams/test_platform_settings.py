@@ -27,7 +27,7 @@ SEEDS = range(64)
 
 def beginnings(**sensors):
     scenario = LevellingScenario(machine=PlatformDesign(sensors=SensorScenario(**sensors)))
-    return [Beginning.from_scenario(replace(scenario, seed=seed), DRAWN) for seed in SEEDS]
+    return [Beginning.from_scenario(DRAWN, replace(scenario, seed=seed)) for seed in SEEDS]
 
 
 # Drawn from the seed

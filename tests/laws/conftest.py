@@ -32,6 +32,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 import parapod.systems
+from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, make_leg_model
@@ -353,6 +354,7 @@ BUILT = PlatformGeometry(deviations=(LegDeviation(l_3=1e-3, beta=2e-3),) + (LegD
 SLOW = PiControllerParams(pole=5.0, rate_feedforward=1.0, friction_feedforward=(0.2, 0.3))
 STEPS = (Step(Phase.TRANSPORT, 0.0, Command.GO), Step(Phase.HOLD, 0.0, arm=(0.1, 0.2)))
 DRIVES = {"params": WHEEL_DRIVE, "channels": 4}
+PLATFORM = PlatformDesign()
 NOT_BUILT = "NaN where an extension cannot be built"
 OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion contact_force "
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
@@ -512,6 +514,7 @@ ENTRIES: dict[str, Entry] = {
     ),
     "Encoder": Entry(variants=({"channels": 3, "resolution": 0.0},)),
     "FaultDetector": Entry(
+        lambda: {"geometry": PLATFORM.geometry, "params": PLATFORM.fault_detector},
         inputs={
             "extension": around(0.405, 3e-4),
             "phase": one_of(Phase.POSTURE, Phase.HOLD, Phase.LOWER),
@@ -639,6 +642,11 @@ ENTRIES: dict[str, Entry] = {
         passes={"margin minus infinity": "margin", "refuses every request": "margin_requested"},
     ),
     "Supervisor": Entry(
+        lambda: {
+            "geometry": PLATFORM.geometry,
+            "params": PLATFORM.supervisor,
+            "standing_height": PLATFORM.wheel_geometry.standing_height,
+        },
         inputs={"limits": one_of(1.0, 1.0, 0.0), "severity": one_of(0, 1)},
         limits={
             **{"phase": (0.0, 9.0), "leg_rate": 0.006, "refusal": (0.0, 9.0)},

@@ -55,7 +55,7 @@ def fitted(driver):
     """A driver with what it takes from its machine, if it is one's own."""
     for machine in MACHINES:
         if f".diagrams.{machine.name}." in type(driver).__module__:
-            fittings = machine.for_scenario(machine.scenario()).fittings
+            fittings = machine.for_scenario(machine.scenario()).real.fittings
             return driver.fitted(fittings.get(driver.part, {}))
     return driver
 

@@ -39,8 +39,6 @@ from parapod.systems.walking_chair.masses import Passenger
 from tests.laws.test_designs import CHOICES, MACHINES, design_of, each_machine, parts, settled
 
 COUNT, TRIES = 20, 120
-# Every heavier centre is stronger: its plan looks at what legs hold at the holes, and no farther.
-STRONGER = ("machining_centre",)
 BODIES = "multibody"  # backend on which every machine has its bodies
 # Lengths of a machine about its common scale, where its parts leave room for that, and where they
 # leave less; and of one leg about the others [-].
@@ -64,8 +62,7 @@ def drawn_design(machine: Any, random: np.random.Generator) -> Any:
     if hasattr(design, "wheels") and random.integers(2):
         design.wheels.depth_mm = None
     vary(design, random, scale, NARROW.get(machine.name, BAND))
-    is_stronger = bool(random.integers(2)) or machine.name in STRONGER
-    strength = max(1.0, weight) if is_stronger else 1.0
+    strength = max(1.0, weight) if random.integers(2) else 1.0
     for _, part in parts(design):
         if isinstance(part, BodyScenario):
             part.mass_kg *= float(np.clip(weight * random.uniform(0.7, 1.4), 0.2, 10.0))
