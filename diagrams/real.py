@@ -90,7 +90,7 @@ def _replaced(node: Any, keys: Sequence[str], value: Any) -> Any:
 
 @dataclass(frozen=True)
 class MachineView:
-    """How a machine is looked at.
+    """Drawing and plots by which a machine is looked at.
 
     Attributes:
         twin: draws the machine from its signals; None: it is not drawn.

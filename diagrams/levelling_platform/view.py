@@ -136,7 +136,7 @@ def _is_ground_known(values: Mapping[str, NDArray[Any]]) -> bool:
     return "ground_valid" in values and values["ground_valid"][0] > 0.5
 
 
-# How the machine is looked at.
+# Drawing and plots by which the machine is looked at.
 VIEW = MachineView(
     PlatformTwin,
     plots=(

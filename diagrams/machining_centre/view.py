@@ -226,7 +226,7 @@ class CentreTwin(Twin):
         self._publish(positions, time)
 
 
-# How the machine is looked at.
+# Drawing and plots by which the machine is looked at.
 VIEW = MachineView(
     CentreTwin,
     plots=(

@@ -124,7 +124,7 @@ class BenchTwin(Twin):
         self._publish(positions, time)
 
 
-# How the machine is looked at.
+# Drawing and plots by which the machine is looked at.
 VIEW = MachineView(
     BenchTwin,
     plots=(

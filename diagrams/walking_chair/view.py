@@ -176,7 +176,7 @@ class LegTwin(Twin):
         return positions
 
 
-# How the machine is looked at.
+# Drawing and plots by which the machine is looked at.
 VIEW = MachineView(
     ChairTwin,
     plots=(

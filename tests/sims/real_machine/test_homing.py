@@ -133,7 +133,8 @@ def rig(tmp_path, monkeypatch):
         drivers = [_FakeDriver(part, str(path)) for part in PARTS]
         scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
         homing = replace(HOMING, checks=_check(bound))
-        machine = replace(PLATFORM, homings={"legs": homing}, variant=None)
+        real = replace(PLATFORM.real, homings={"legs": homing})
+        machine = replace(PLATFORM, real=real, variant=None)
         driver = drivers[PARTS.index("legs")]
         driver.make(_ports())
         said = []

@@ -108,8 +108,9 @@ def guarded():
         guard = SimpleNamespace(signals=frozenset(), check=lambda now, values: trip)
         parts = Parts({"legs": [DeviceThread(device)]})
         parts.threads["legs"][0]._sample = Sample({}, 0.0, DeviceFault.NONE, "")
+        real = SimpleNamespace(guard=lambda scenario: guard)
         loop = SimpleNamespace(
-            machine=SimpleNamespace(guard=lambda scenario: guard, inputs=inputs, axes={}),
+            machine=SimpleNamespace(real=real, inputs=inputs, axes={}),
             station=SimpleNamespace(scenario=None, behind=Behind({}, {}, handle=parts)),
             readings=lambda root, names: {
                 name: (lambda name=name: values[name]) for name in names
