@@ -90,7 +90,7 @@ def _limits(scenario: LevellingScenario) -> Limits:
 
 
 def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
-    """What a real one needs, and the size of faults."""
+    """Parts of a real one, and the size of faults."""
     machine = scenario.machine
     ports = make_ports(machine.actuators.params, machine.level_heights)
     return {"ports": ports, "real": make_real(scenario)}

@@ -93,7 +93,7 @@ _MOVE = SelfTest(
 
 
 def make_real(scenario: CentreScenario) -> RealMachine[CentreScenario]:
-    """What may be moved alone, and the legs' strokes."""
+    """Legs that may be moved alone, and their strokes."""
     limbs = scenario.machine.limbs
     return RealMachine(
         self_tests={"legs": _MOVE} if limbs == _MOVES_ALONE else {},
