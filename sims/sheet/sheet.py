@@ -100,13 +100,6 @@ class Dimension:
     end: Sequence[float]
     name: str = ""
 
-    @property
-    def length(self) -> float:
-        """Length of the line as it is seen in its view [m]."""
-        across = (0, 1) if self.view == "plan" else (0, 2)
-        difference = np.subtract(self.end, self.start)[list(across)]
-        return float(np.hypot(*difference))
-
 
 @dataclass(frozen=True)
 class Demonstration:

@@ -249,6 +249,29 @@ def test_legs_that_do_not_carry_the_weight_alone_are_refused(geometry):
     check_drill(geometry, Job(panel=PANEL, process=stronger), drill, feet)
 
 
+def test_legs_that_do_not_carry_the_weight_on_the_way_are_refused_with_those_that_would(geometry):
+    # Thrust up and by half: the holes themselves ask for less than the weight.
+    def job(force):
+        down = np.linalg.norm(CentreMasses().weight(geometry))
+        return Job(
+            panel=PANEL, process=Process(thrust=0.5 * down, torque=0.0, largest_leg_force=force)
+        )
+
+    error = refused(geometry, hole(tilt=0.0), job=job(50.0))
+    assert error.operation == 1
+    match = re.fullmatch(
+        r"on the way, at (\(.*\) mm, \(.*\) deg), legs of 50 N resist (\d+) N in every direction, "
+        r"and the weight needs (\d+) N: legs of (\d+) N would do",
+        error.words,
+    )
+    capacity, weight, enough = (float(match[k]) for k in (2, 3, 4))
+    assert enough == pytest.approx(50.0 * weight / capacity, rel=0.02)
+    check_job(
+        geometry, replace(job(enough + 1.0), operations=(hole(tilt=0.0),)), beginning_of(geometry)
+    )
+    refused(geometry, hole(tilt=0.0), job=job(enough - 1.0))
+
+
 def test_footholds_that_overlap_are_refused_with_both_limbs(geometry):
     feet = beginning_of(geometry).feet
     along, across, _ = PANEL.place(feet[1, :3])
