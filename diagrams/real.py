@@ -45,7 +45,7 @@ class RealMachine[S]:
         fittings: settings of a part's drivers that follow from the machine's design, by part and
             name; see `Driver.fitted`.
         exchange: simulated backend -> period of the exchange with emulated devices [s]; empty:
-            there are none.
+            the machine is not emulated.
         by_devices: settings, by their dotted keys, of a plant behind emulated devices: what these
             simulate themselves is left out of it.
         cut: values of commands while the emergency stop is pressed, whatever is commanded: what

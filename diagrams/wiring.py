@@ -110,7 +110,7 @@ def connect_by_name(
 def wired(
     name: str,
     systems: Sequence[System | tuple[System, Mapping[str, str]]],
-    outputs: Collection[str] | Mapping[str, str],
+    outputs: Collection[str],
     names: Mapping[str, str] = _AS_THEY_ARE,
     skip: Collection[str] = (),
 ) -> Diagram:
@@ -122,7 +122,7 @@ def wired(
         name: name of the diagram.
         systems: the systems; beside one, signals of its ports by the ports' names, where they
             differ from what `names` has.
-        outputs: signals that the diagram shows; those of a mapping by the names that it has.
+        outputs: signals that the diagram shows.
         names: signals of ports by the ports' names, where the two differ.
         skip: signals that nothing has to give; inputs of theirs are left unconnected.
 
@@ -148,12 +148,11 @@ def wired(
         elif signal not in skip:
             builder.ExportInput(sink, signal)
             exported.add(signal)
-    signals_by_output = outputs if isinstance(outputs, Mapping) else {s: s for s in outputs}
-    for output, signal in signals_by_output.items():
+    for signal in outputs:
         if signal not in sources:
             all_names = ", ".join(sorted(sources))
             raise WiringError(f"no system has the output '{signal}'; there are: {all_names}")
-        builder.ExportOutput(sources[signal], output)
+        builder.ExportOutput(sources[signal], signal)
     return named(name, builder.Build())
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from parapod.diagrams.own_controller import own_system
 from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
@@ -33,6 +33,7 @@ _SIGNALS = {
 _SHOWN = (
     *("sliders.position_command", "sliders.brake", "hip.force_command", "leg.torque_command"),
     *("pose_desired", "share", "foot_load", "load_estimated", "pose_estimated"),
+    *("belt.brake", "hip.brake"),
 )
 
 
@@ -54,7 +55,7 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
     Inputs: measurements of the table above; of the source `pose_asked` (3), `plate_motion`
     (9), `foot_desired` (6), `foot_force_desired` (1), `stance` (1), `hip_force` (1),
     `hip_desired` (2).
-    Outputs: those of `_SHOWN`, and the brakes of hip and belt.
+    Outputs: those of `_SHOWN`.
 
     Args:
         scenario: its `machine`, `leg` and `control` are used.
@@ -62,16 +63,18 @@ def make_controller(scenario: TerrainBenchScenario) -> Diagram:
     machine, period = scenario.machine, scenario.control.period
     geometry, sliders = machine.geometry, machine.sliders
     params = SingularityGuardParams(limits=sliders.limits, braking=sliders.max_acceleration_m_s2)
+    # Without drives of the leg nothing but its brake would carry the slide.
+    hip_brake = PassThrough(1) if scenario.drives_leg else ConstantVectorSource(np.ones(1))
     systems = (
         SingularityGuard(geometry, params, period),
         make_leg_controller(scenario),
         HipSupport(scenario.hip.support, period),
         FootForce(machine.cells_geometry),
         LoadEstimator(geometry, machine.masses, sliders.force_per_current_N_A),
-        (named("braked", ConstantVectorSource(np.ones(1))), {"y0": "braked"}),
+        (named("belt_brake", PassThrough(1)), {"u": "sliders.brake", "y": "belt.brake"}),
+        (
+            named("hip_brake", hip_brake),
+            {"u": "sliders.brake", "y": "hip.brake", "y0": "hip.brake"},
+        ),
     )
-    # Without drives of the leg nothing but its brake would carry the slide.
-    hip_brake = "sliders.brake" if scenario.drives_leg else "braked"
-    outputs = {signal: signal for signal in _SHOWN}
-    outputs |= {"belt.brake": "sliders.brake", "hip.brake": hip_brake}
-    return wired("controller", systems, outputs, _SIGNALS)
+    return wired("controller", systems, _SHOWN, _SIGNALS)

@@ -28,11 +28,9 @@ def make_terrain(scenario: TerrainBenchScenario, task: Task | None = None) -> Di
     walk = scenario.walk if task is None else task
     reference = TerrainReference(walk, scenario.control.period)
     # One of its outputs drives the station itself.
-    outputs = {
-        "belt.velocity_command" if name == "belt_velocity" else name: name
-        for name in outputs_of(reference)
-    }
-    return wired("terrain", [reference], outputs)
+    names = {"belt_velocity": "belt.velocity_command"}
+    outputs = [names.get(name, name) for name in outputs_of(reference)]
+    return wired("terrain", [reference], outputs, names)
 
 
 def _limits(scenario: TerrainBenchScenario) -> Limits:

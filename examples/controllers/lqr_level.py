@@ -19,7 +19,7 @@ def make(scenario, machine):
     """Makes the machine's own controller with other voltages."""
     ours, lqr = machine.controller(scenario), Lqr(scenario)
     systems = [(ours, {"legs.voltage": "usual_voltage"}), lqr]
-    return wired("controller", systems, [*outputs_of(ours)])
+    return wired("controller", systems, outputs_of(ours))
 
 
 class Lqr(LeafSystem):

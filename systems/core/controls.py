@@ -51,7 +51,7 @@ class Controls(Protocol):
         """Names of these buttons."""
 
     def IsHeld(self, name: str) -> bool:
-        """Whether such a button is held now."""
+        """Tells whether such a button is held now."""
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def shown(
 
 
 def is_held(controls: Controls, name: str) -> bool:
-    """Whether a button is there, and held."""
+    """Tells whether a button is there, and held."""
     return name in controls.GetHoldNames() and controls.IsHeld(name)
 
 
