@@ -40,6 +40,7 @@ from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
+from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.inclination_loop import PostureLoopParams
@@ -187,6 +188,7 @@ def add_pedal_and_leg(plant):
     return add_bench(plant, BenchGeometry.pedal(), add_more=add_leg)
 
 
+UPRIGHT = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PARTS = ("position", "velocity", "acceleration")
 TRIPOD, HOME = CentreGeometry(), np.array((0.0, 0.0, 0.48, 0.0, 0.0, 0.0))
 FOOTHOLDS, FOOT = TRIPOD.footholds.ravel(), TRIPOD.footholds[1]
@@ -428,6 +430,14 @@ ENTRIES: dict[str, Entry] = {
             "plate_motion": around((0.5, 0.3, *(0.0,) * 7), 1e-4),
         },
         limits={"torque_command": FORCE_LIMIT},
+    ),
+    "FlexibleArm": Entry(
+        # So slow that any period carries it.
+        lambda: {"rod": FlexibleRod(bending_stiffness=(200.0, 150.0), modes=1)},
+        variants=({"base_motion": "pose"}, {"base_motion": "acceleration", "base_pose": UPRIGHT}),
+        inputs={"base_velocity": around(0.0, 0.2), "base_acceleration": around(0.0, 1.0)},
+        passes={"tip are not finite": "tip_pose tip_velocity"},
+        shares=True,
     ),
     "FootForce": Entry(inputs=BENCH),
     "FootImpedance": Entry(

@@ -1,0 +1,1 @@
+"""Arms on a machine: serial chains, a flexible rod, shaping of their commands."""

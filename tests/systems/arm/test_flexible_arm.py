@@ -1,0 +1,198 @@
+"""A flexible rod behind ports: beginning, prescribed bases, tip, order of the step, bad input."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput
+
+from parapod.systems.arm.flexible_arm import FlexibleArm
+from parapod.systems.arm.flexible_rod import FlexibleRod
+from parapod.systems.core.physics import GRAVITY
+
+ROD = FlexibleRod(damping_ratio=0.0)
+OUTPUTS = ("tip_pose", "tip_velocity", "wrench", "bending_wrench", "deflection", "modal_state")
+MASS = ROD.mass + ROD.tip_mass
+CENTRE = (0.5 * ROD.mass + ROD.tip_mass) * ROD.length / MASS
+
+
+def pose_of(roll=0.0, pitch=0.0, yaw=0.0, place=(0.0, 0.0, 0.0)):
+    quaternion = RollPitchYaw(roll, pitch, yaw).ToQuaternion().wxyz()
+    return np.array([*quaternion, *place])
+
+
+def transform(pose):
+    return RigidTransform(Quaternion(pose[:4] / np.linalg.norm(pose[:4])), pose[4:])
+
+
+class Leaning(LeafSystem):
+    """A base that leans by a smooth motion, from upright to 45 deg in a second."""
+
+    def __init__(self, ports):
+        super().__init__()
+        for name, size, calc in (
+            ("base_pose", 7, lambda t: pose_of(pitch=self.motion(t)[0], place=(0.3, 0, 1))),
+            ("base_velocity", 6, lambda t: [0, self.motion(t)[1], 0, 0, 0, 0]),
+            ("base_acceleration", 6, lambda t: [0, self.motion(t)[2], 0, 0, 0, 0]),
+        ):
+            if name in ports:
+
+                def show(context, output, calc=calc):
+                    output.SetFromVector(np.array(calc(context.get_time())))
+
+                self.DeclareVectorOutputPort(name, BasicVector(size), show, {self.time_ticket()})
+
+    @staticmethod
+    def motion(t):
+        if t >= 1.0:
+            return 0.25 * math.pi, 0.0, 0.0
+        s = max(0.0, t)
+        way = 0.25 * math.pi
+        return (
+            way * s**3 * (10 - 15 * s + 6 * s * s),
+            way * 30 * s * s * (1 - s) ** 2,
+            way * 60 * s * (1 - s) * (1 - 2 * s),
+        )
+
+
+def lean(period, ports=("base_pose", "base_velocity", "base_acceleration"), end=2.0):
+    """Outputs by name (n, size) at multiples of 20 ms, of a rod whose base leans."""
+    builder = DiagramBuilder()
+    base = builder.AddSystem(Leaning(ports))
+    begins, last = pose_of(place=(0.3, 0, 1)), ports[-1].removeprefix("base_")
+    arm = builder.AddSystem(FlexibleArm(ROD, period, begins, last))
+    for name in ports:
+        builder.Connect(base.GetOutputPort(name), arm.GetInputPort(name))
+    logs = {n: LogVectorOutput(arm.GetOutputPort(n), builder, 0.02) for n in OUTPUTS}
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(end)
+    return {n: log.FindLog(simulator.get_context()).data().T for n, log in logs.items()}
+
+
+def alone(base_motion="pose", **inputs):
+    """An arm without a diagram, its context, a function that ticks it and one that reads it."""
+    arm = FlexibleArm(FlexibleRod(), base_motion=base_motion)
+    context = arm.CreateDefaultContext()
+
+    def tick(times=1, **inputs):
+        for name, value in inputs.items():
+            arm.GetInputPort(name).FixValue(context, value)
+        for _ in range(times):
+            ahead = arm.EvalUniquePeriodicDiscreteUpdate(context)
+            context.get_mutable_discrete_state().SetFrom(ahead)
+
+    def show(name):
+        return arm.GetOutputPort(name).Eval(context)
+
+    tick(0, **inputs)
+    return arm, context, tick, show
+
+
+@pytest.mark.parametrize("pose", [pose_of(), pose_of(0.3, -0.7, 1.0, (1, 2, 3)), pose_of(pitch=2)])
+def test_it_begins_at_rest_on_the_first_pose_and_stays_there(pose):
+    _, _, tick, show = alone(base_pose=pose)
+    tick()
+    rest = show("modal_state").copy()
+    tick(200)
+    np.testing.assert_allclose(show("modal_state"), rest, atol=1e-9)
+    rotation = transform(pose).rotation().matrix()
+    force = rotation.T @ [0.0, 0.0, GRAVITY]
+    sags = [FlexibleRod().sag(force[i], force[2], i) for i in range(2)]
+    expected = [sags[0].across, sags[1].across, -sags[0].along - sags[1].along]
+    np.testing.assert_allclose(show("deflection"), expected, atol=1e-9)
+    tip = transform(show("tip_pose"))
+    straight = np.array([0.0, 0.0, 2.02])
+    np.testing.assert_allclose(tip.translation(), pose[4:] + rotation @ (straight + expected))
+    turn = RotationMatrix(rotation.T @ tip.rotation().matrix()).ToAngleAxis()
+    bent = [-sags[1].slope, sags[0].slope, 0.0]
+    np.testing.assert_allclose(turn.angle() * turn.axis(), bent, atol=1e-9)
+    np.testing.assert_allclose(show("tip_velocity"), 0.0, atol=1e-9)
+
+
+def test_wrench_at_rest_is_the_weight_at_its_bent_place():
+    pose = pose_of(pitch=0.5 * math.pi)  # horizontal, forward
+    _, _, tick, show = alone(base_pose=pose)
+    tick()
+    moment, force = np.split(show("wrench"), 2)
+    np.testing.assert_allclose(force, [0.0, 0.0, -MASS * GRAVITY], atol=1e-9)
+    assert moment[1] == pytest.approx(MASS * GRAVITY * CENTRE, rel=1e-3)
+    bent, no_force = np.split(show("bending_wrench"), 2)
+    np.testing.assert_allclose(no_force, 0.0, atol=1e-9)
+    # Sideways nothing turns it; the sag moves the weight along the line of gravity only.
+    np.testing.assert_allclose(bent, 0.0, atol=1e-9)
+
+
+def test_put_at_rest_it_is_as_at_the_first_pose():
+    pose = pose_of(pitch=0.4)
+    _, _, tick, show = alone(base_pose=pose)
+    tick()
+    arm = FlexibleArm(FlexibleRod())
+    context = arm.CreateDefaultContext()
+    arm.set_rest(context, pose)
+    for name in ("deflection", "wrench", "modal_state"):
+        there = arm.GetOutputPort(name).Eval(context)
+        np.testing.assert_allclose(there, show(name), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "ports", [("base_pose",), ("base_pose", "base_velocity"), lean.__defaults__[0]]
+)
+def test_error_halves_with_the_period(ports):
+    exact = lean(1e-4)
+    for name, size in (("deflection", 0.15), ("wrench", 20.0)):
+        coarse, fine = (
+            np.abs(lean(period, ports)[name] - exact[name])[5:].max() for period in (4e-3, 2e-3)
+        )
+        assert coarse < 0.12 * size
+        assert coarse / fine == pytest.approx(2.0, rel=0.15)
+
+
+def test_vibration_after_a_swing_is_that_of_an_oscillator():
+    run = lean(1e-3)
+    # One mode by Duhamel's integral, without what the weight softens.
+    mode = FlexibleRod(modes=1, damping_ratio=0.0)
+    omega = mode.frequencies[0, 0]
+    t = np.linspace(0.0, 1.0, 20001)
+    load = -mode.rotation[0] * np.array([Leaning.motion(s)[2] for s in t])
+    amplitude = abs(np.trapezoid(load * np.exp(1j * omega * t), t)) / omega
+    after = run["deflection"][51:, 0]
+    swing = 0.5 * np.ptp(after)
+    assert swing == pytest.approx(amplitude * mode.shape(mode.length)[0], rel=0.12)
+
+
+def test_tip_velocity_is_the_rate_of_the_tip():
+    run = lean(1e-3)
+    place, velocity = run["tip_pose"][:, 4:], run["tip_velocity"][:, 3:]
+    rate = (place[2:] - place[:-2]) / 0.04
+    np.testing.assert_allclose(velocity[1:-1], rate, atol=0.03)
+    assert np.abs(velocity).max() > 1.0
+
+
+def test_input_that_is_not_finite_keeps_the_motion():
+    pose = pose_of(pitch=0.4)
+    nothing = np.full(7, np.nan)
+    _, context, tick, show = alone("velocity", base_pose=nothing, base_velocity=[0.0] * 6)
+    tick(2)
+    assert np.isfinite(show("modal_state")).all()
+    tick(1, base_pose=pose)
+    rest = show("modal_state").copy()
+    for bad in (math.nan, math.inf):
+        tick(50, base_pose=[*pose[:4], bad, 0.0, 0.0])
+        np.testing.assert_allclose(show("modal_state"), rest, atol=1e-9)
+    tick(3, base_pose=pose, base_velocity=[math.nan] * 6)
+    assert np.isfinite(show("wrench")).all()
+    assert np.isfinite(context.get_discrete_state_vector().value()).all()
+
+
+def test_mode_that_the_period_cannot_carry_is_refused():
+    with pytest.raises(ValueError, match=r"modes = 2: mode 2 of the rod has 34.8 Hz"):
+        FlexibleArm(FlexibleRod(), 0.02)
+
+
+def test_rod_that_its_own_weight_buckles_is_refused():
+    with pytest.raises(ValueError, match=r"bending_stiffness = 10 N m\^2.* must be above 13\.1"):
+        FlexibleArm(FlexibleRod(bending_stiffness=(430.0, 10.0)))
