@@ -41,6 +41,7 @@ from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
 from parapod.systems.arm.flexible_rod import FlexibleRod
+from parapod.systems.arm.input_shaper import Shaper
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.inclination_loop import PostureLoopParams
@@ -552,6 +553,13 @@ ENTRIES: dict[str, Entry] = {
         limits={"support": BINARY, "done": BINARY, "references": (1.0, 3.0)},
     ),
     "GroundEstimator": Entry(limits={"valid": BINARY}),
+    "InputShaper": Entry(
+        lambda: {"shaper": Shaper.zv(3.0, 0.1)},
+        variants=({"shaper": Shaper.by_name("ei", [8.0, 50.0], [0.0, 0.1]), "channels": 3},),
+        inputs={"command": around(0.5, 0.5)},
+        passes={"it is shown as it is": "shaped_command"},
+        begins=("shaped_command", lambda given: given["command"]),
+    ),
     "Hold": Entry(variants=({"initial": (1.0, 2.0)},), passes={"passes as it is": "held"}),
     "Imu": Entry(
         variants=({"params": ImuParams.ideal(), "decimation": 2},),
