@@ -113,13 +113,9 @@ def _on_wheels(design: Any) -> Iterator[Refusal]:
 
 
 def _tipped(design: Any) -> Iterator[Refusal]:
-    """A centre of mass beyond the feet, level, arm upright."""
+    """A centre of mass beyond the feet, level, its arm at zero."""
     masses, feet = design.masses, design.stance
-    whole = masses.mass + masses.arm_mass
-    centre = (
-        masses.mass * np.array(masses.centre_of_mass[:2])
-        + masses.arm_mass * np.array(masses.arm_base[:2])
-    ) / whole
+    centre = np.array(masses.centre_with([0.0] * masses.arm.count)[:2])
     sides = np.roll(feet, -1, axis=0) - feet
     outwards = np.column_stack([sides[:, 1], -sides[:, 0]])
     outwards /= np.linalg.norm(outwards, axis=1)[:, np.newaxis]
@@ -129,7 +125,7 @@ def _tipped(design: Any) -> Iterator[Refusal]:
             "machine",
             (
                 f"it tips over: its centre of mass is {1e3 * outside:.0f} mm outside its feet, "
-                "arm upright; it must be between them"
+                "its arm at zero; it must be between them"
             ),
         )
 

@@ -23,10 +23,7 @@ from parapod.systems.levelling_platform.ground_estimator import GroundEstimator
 from parapod.systems.levelling_platform.inclination_loop import PostureLoop, PostureLoopParams
 from parapod.systems.levelling_platform.leg_motion import ContactKeeper, LegRamp
 from parapod.systems.levelling_platform.reference import PostureReference
-from parapod.systems.levelling_platform.stability_monitor import (
-    StabilityMonitor,
-    StabilityMonitorParams,
-)
+from parapod.systems.levelling_platform.stability_monitor import StabilityMonitor
 from parapod.systems.levelling_platform.supervisor import Supervisor
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
@@ -250,7 +247,7 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     calculated = "extension_calculated_state"
     chain, names = _posture_chain(scenario, "clamp", "posture_control", calculated)
     supervisor = Supervisor(geometry, machine.supervisor, wheels.standing_height, period)
-    limits = StabilityMonitorParams(platform=machine.masses)
+    limits = machine.stability_monitor
     # Legs follow the posture, trimmed by contact, or go up and down by themselves.
     trimmed = {
         "extension_desired_state": calculated,

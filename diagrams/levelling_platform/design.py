@@ -44,6 +44,7 @@ from parapod.systems.levelling_platform.kinematics import (
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.reference import PostureReferenceParams
+from parapod.systems.levelling_platform.stability_monitor import StabilityMonitorParams
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, stand
 from parapod.systems.levelling_platform.supervisor import SupervisorParams
 from parapod.systems.levelling_platform.wheels import WheelGeometry
@@ -240,6 +241,15 @@ class PlatformDesign(Schema):
         )
 
     @property
+    def stability_monitor(self) -> StabilityMonitorParams:
+        """Limits of the arm's moves.
+
+        Raises:
+            ScenarioError: as `geometry`.
+        """
+        return StabilityMonitorParams(platform=self.masses)
+
+    @property
     def stops(self) -> tuple[float, float]:
         """End stops of its actuators [m]."""
         return self.actuators.stop_min_mm / 1e3, self.actuators.stop_max_mm / 1e3
@@ -350,7 +360,9 @@ class PlatformDesign(Schema):
         posture = (0.0, 0.0, self.working_height)
         extension = inverse_kinematics(geometry, posture, (0.0, 0.0)).tolist()
         still = [0.0] * LEG_COUNT
-        stance = stand(geometry, self.masses, extension, still, [0.0, 0.0], [0.0, 0.0])
+        masses = self.masses
+        at_zero = [0.0] * masses.arm.count
+        stance = stand(geometry, masses, extension, still, [0.0, 0.0], at_zero)
         load = max(map(abs, stance.load_force)) / params.screw_efficiency
         alone = params.coulomb_friction / params.motor_constant
         return alone, alone + load / params.motor_constant

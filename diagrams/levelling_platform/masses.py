@@ -7,7 +7,7 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +30,14 @@ from parapod.diagrams.levelling_platform.model import (
     fit_leg,
     fit_wheel,
 )
-from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import quoted
+from parapod.diagrams.serial_arms import serial_arm
+from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.levelling_platform.geometry import LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.leg import diagonal_angle, swing_angle
 from parapod.systems.levelling_platform.model import hip_pose, joint_origins
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.urdf import configure_parser
 
-_ASIDE = 1e-3  # distance of axes that meet [m]
 _NOWHERE = {"l_x": 0.0, "l_y": 0.0, "l_z": 0.0}
 
 
@@ -58,15 +57,14 @@ def masses_of(geometry: PlatformGeometry, structure: PlatformStructure) -> Kinem
         structure: its other parts.
 
     Raises:
-        ScenarioError: a file of a part of one's own that does not do, or an arm whose axes do not
-            meet.
+        ScenarioError: a file of a part of one's own that does not do.
     """
     standing, arm = _arm(structure.arm_alone)
     parts = [standing, _base(structure), *_wheels(structure), *_legs(geometry, structure)]
     mass = sum(part.mass for part in parts)
     moment = np.sum([part.moment for part in parts], axis=0)
     return KinematicPlatformParams(
-        mass=mass, centre_of_mass=tuple((moment / mass).tolist()), **arm
+        mass=mass, centre_of_mass=tuple((moment / mass).tolist()), arm=arm
     )
 
 
@@ -144,37 +142,18 @@ def _weigh(body: Body, X_FL: RigidTransform | None = None) -> _Part:
 
 
 @functools.lru_cache(maxsize=64)
-def _arm(structure: PlatformStructure) -> tuple[_Part, dict[str, Any]]:
-    """Parts of the arm that do not swing, about F; fields of the masses for those that do."""
+def _arm(structure: PlatformStructure) -> tuple[_Part, SerialArm]:
+    """Parts of the arm that do not move, about F, and the arm."""
     plant, parser, _scene_graph = _plant()
     world = plant.world_frame()
-    instance, _ = add_arm(parser, world, structure)
+    joints, tip = add_arm(parser, world, structure)
     plant.Finalize()
-    context = plant.CreateDefaultContext()
-    turn, swing = (
-        joint
-        for joint in map(plant.get_joint, plant.GetJointIndices(instance))
-        if joint.num_velocities()
-    )
-    X_FT, X_FS = (
-        plant.CalcRelativeTransform(context, world, joint.frame_on_child())
-        for joint in (turn, swing)
-    )
-    _check_axes(structure.arm, turn, swing, X_FT, X_FS)
-    swinging = set(map(int, plant.GetBodiesKinematicallyAffectedBy([swing.index()])))
-    others = [BodyIndex(i) for i in range(1, plant.num_bodies()) if i not in swinging]
-    standing = plant.CalcSpatialInertia(context, world, others)
-    bodies = [BodyIndex(i) for i in sorted(swinging)]
-    arm = plant.CalcSpatialInertia(context, swing.frame_on_child(), bodies)
-    centre = arm.get_com()
-    across = arm.Shift(centre).CalcRotationalInertia().get_moments()
-    fields = {
-        "arm_mass": arm.get_mass(),
-        "arm_base": tuple(X_FS.translation().tolist()),
-        "arm_centre": float(centre[2]),
-        "arm_inertia": float(max(across[:2])),
-    }
-    return _Part(standing.get_mass(), standing.get_mass() * standing.get_com()), fields
+    moved = plant.GetBodiesKinematicallyAffectedBy([joint.index() for joint in joints])
+    bodies = [BodyIndex(i) for i in range(1, plant.num_bodies())]
+    others = [body for body in bodies if body not in moved]
+    standing = plant.CalcSpatialInertia(plant.CreateDefaultContext(), world, others)
+    part = _Part(standing.get_mass(), standing.get_mass() * standing.get_com())
+    return part, serial_arm(plant, world, joints, tip)
 
 
 def _plant() -> tuple[MultibodyPlant, Parser, SceneGraph]:
@@ -184,26 +163,3 @@ def _plant() -> tuple[MultibodyPlant, Parser, SceneGraph]:
     parser = Parser(plant)
     configure_parser(parser)
     return plant, parser, scene_graph
-
-
-def _check_axes(
-    own: OwnModel, turn: Any, swing: Any, X_FT: RigidTransform, X_FS: RigidTransform
-) -> None:
-    """Refuses an arm whose turntable does not turn about z, or that does not swing about y."""
-    group = own.key.rpartition(".")[0]
-    for joint, X_F, axis in ((turn, X_FT, (0.0, 0.0, 1.0)), (swing, X_FS, (0.0, 1.0, 0.0))):
-        there = X_F.rotation().matrix() @ joint.revolute_axis()
-        if not np.allclose(there, axis, atol=1e-6):
-            words = "z" if joint is turn else "y"
-            raise ScenarioError(
-                f"{group}.joints: {quoted(joint.name())} of {quoted(own.urdf)} must turn about "
-                f"the platform's {words} axis where the arm is upright",
-                f"{group}.joints",
-            )
-    aside = X_FS.translation() - X_FT.translation()
-    if not np.hypot(*aside[:2]) < _ASIDE:
-        raise ScenarioError(
-            f"{group}.joints: the axes of {quoted(turn.name())} and {quoted(swing.name())} of "
-            f"{quoted(own.urdf)} must meet, and are {1e3 * np.hypot(*aside[:2]):.1f} mm apart",
-            f"{group}.joints",
-        )

@@ -16,7 +16,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
-    ModelInstanceIndex,
+    Joint,
     PdControllerGains,
     RevoluteJoint,
     RigidBody,
@@ -271,11 +271,14 @@ def _fix_wheels(plant: MultibodyPlant, pairs: Sequence[tuple[Frame, Frame]], whe
 
 def add_arm(
     parser: Parser, base: Frame, structure: PlatformStructure
-) -> tuple[ModelInstanceIndex, Frame]:
-    """Adds the drawn arm, or the user's own; returns it and the frame in which its base is."""
+) -> tuple[tuple[Joint, ...], Frame]:
+    """Adds the drawn arm, or the user's own; returns its joints in their order, and its tip."""
     plant, own = parser.plant(), structure.arm
     X_FB = RigidTransform(np.array(structure.arm_base))
     mount: Any = plant.AddFrame(FixedOffsetFrame("arm_mount", base, X_FB))
+    # Where the arm stands upright, the tip is above its base.
+    X_BT = RigidTransform(np.array([0.0, 0.0, structure.arm_length]))
+    tip: Any = plant.AddFrame(FixedOffsetFrame("arm_tip", mount, X_BT))
     stiffness = structure.arm_stiffness
     gains = PdControllerGains(p=stiffness, d=_ARM_DAMPING * stiffness)
     if own.urdf:
@@ -290,7 +293,7 @@ def add_arm(
             if actuator is None:
                 actuator = plant.AddJointActuator(joint.name(), joint)
             actuator.set_controller_gains(gains)
-        return instance, mount
+        return joints, tip
     tall = structure.arm_base[2] / ARM_BASE[2]
     size = (tall, tall, tall) if tall > 0.0 else (1.0, 1.0, 1.0)
     long = structure.arm_length / _ARM_LENGTH
@@ -304,7 +307,7 @@ def add_arm(
     for name in ARM_JOINTS:
         plant.GetJointActuatorByName(name, instance).set_controller_gains(gains)
     plant.WeldFrames(mount, plant.GetFrameByName("mount", instance))
-    return instance, mount
+    return tuple(plant.GetJointByName(name, instance) for name in ARM_JOINTS), tip
 
 
 def fit_leg(

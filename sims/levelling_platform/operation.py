@@ -23,10 +23,7 @@ from parapod.systems.levelling_platform.fault_detection import RULES
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import describe_range
 from parapod.systems.levelling_platform.sliders import OperatorControls
-from parapod.systems.levelling_platform.stability_monitor import (
-    StabilityMonitorParams,
-    usual_margin,
-)
+from parapod.systems.levelling_platform.stability_monitor import usual_margin
 from parapod.systems.levelling_platform.supervisor import (
     TRANSITIONS,
     Event,
@@ -208,9 +205,14 @@ class OperationWatch:
             )
         margin = self._margin
         if not np.isfinite(margin):
-            turn, swing = np.degrees(StabilityMonitorParams.reach)
-            limits = f"{swing:.0f} deg of the arm or {turn:.0f} deg of the turntable"
-            raise RefusedRequest(f"the arm's move goes beyond {limits}", phase)
+            monitor = self._loop.scenario.machine.stability_monitor
+            limits = ", ".join(
+                f"{joint.name} {joint.shown(low)} to {joint.shown(high)}"
+                for joint, (low, high) in zip(
+                    monitor.platform.arm.joints, monitor.reach, strict=True
+                )
+            )
+            raise RefusedRequest(f"the arm's move goes beyond its joints' limits: {limits}", phase)
         raise RefusedRequest(
             f"the arm's move would leave {1e3 * margin:.0f} mm to the edge between the feet, "
             f"which must be {1e3 * _least_margin(self._loop):.0f} mm or more",

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -161,12 +160,12 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
     @entry("Masses", "kg")
     def mass_kg(self) -> float:
         """Mass of all, arm and wheels included."""
-        return self.masses.mass + self.masses.arm_mass
+        return self.masses.total
 
     @entry("Masses", "kg")
     def arm_mass_kg(self) -> float:
-        """Mass of the arm."""
-        return self.masses.arm_mass
+        """Mass of what the arm's joints move."""
+        return self.masses.arm.mass
 
     @entry("Masses", "mm")
     def centre_of_mass_mm(self) -> float:
@@ -175,8 +174,7 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
 
     def _centre(self, lean: float, turn: NDArray[np.float64]) -> NDArray[np.float64]:
         """Centre of mass (n, 3) from F, with the arm at a lean and turns (n) [m]."""
-        arm, masses = replace(self._arm, lean=lean, turn=turn), self.masses
-        point = masses.centre_with(arm.point_at(masses.arm_centre / arm.length))
+        point = self.masses.centre_with((turn, lean))
         return np.stack(np.broadcast_arrays(*point), axis=-1)
 
     # Ground.

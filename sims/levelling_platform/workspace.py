@@ -167,6 +167,13 @@ class WorkspaceScenario(Schema):
         return ArmGeometry(offset, length)
 
     @property
+    def masses(self) -> KinematicPlatformParams:
+        """Masses of the machine with that arm."""
+        base = [1e3 * length for length in self.upright.offset]
+        arm = replace(self.machine.arm, base_mm=base)
+        return replace(self.machine, arm=arm).masses
+
+    @property
     def has_surfaces(self) -> bool:
         """Whether it is the machine whose workspace the paper prints surfaces for."""
         return is_published(self.machine)
@@ -496,7 +503,7 @@ def measure_turntable(scenario: WorkspaceScenario) -> Survey:
         ),
         Metric(
             "stability_margin_mm",
-            1e3 * _least_stability(geometry, scenario.machine.masses, arm),
+            1e3 * _least_stability(geometry, scenario.masses, scenario.arm.lean),
             "mm",
             at_least=0.0,
             meaning="smallest distance of the centre of mass from the edges between the feet",
@@ -511,14 +518,13 @@ def measure_turntable(scenario: WorkspaceScenario) -> Survey:
 
 
 def _least_stability(
-    geometry: PlatformGeometry, masses: KinematicPlatformParams, arm: ArmGeometry
+    geometry: PlatformGeometry, masses: KinematicPlatformParams, lean: float
 ) -> float:
     """Smallest `stability_margin` at the boundary of the workspace, level ground, all turns."""
     extension = boundary(geometry, _EDGE)
     attitude = forward_kinematics(geometry, extension, (0.0, 0.0))[:, :2]
     margins = []
-    for turn in 2.0 * math.pi * np.arange(_TURNS) / _TURNS:
-        turned_arm = replace(arm, turn=float(turn))
-        centre = masses.centre_with(turned_arm.point_at(masses.arm_centre / arm.length))
+    for turn in (2.0 * math.pi * np.arange(_TURNS) / _TURNS).tolist():
+        centre = masses.centre_with((turn, lean))
         margins.append(stability_margin(geometry, extension, attitude, centre).min())
     return float(min(margins))

@@ -1,5 +1,6 @@
 """Batches of vectors for elementwise functions: taken apart into columns, put together again."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -53,7 +54,7 @@ def columns(
             columns_of.append(array.tolist())
         else:
             array = np.broadcast_to(array, (*shape, array.shape[-1]))
-            rows = array.reshape(-1, array.shape[-1])
+            rows = array.reshape(math.prod(shape), array.shape[-1])
             columns_of.append([np.ascontiguousarray(rows[:, i]) for i in range(rows.shape[1])])
     return columns_of, shape
 

@@ -21,6 +21,7 @@ from parapod.systems.core.elementwise import Elementwise
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.templates import for_floats
+from parapod.systems.core.triples import dot
 from parapod.systems.levelling_platform.geometry import (
     ACTIVE_LEGS,
     LEG_COUNT,
@@ -32,7 +33,7 @@ from parapod.systems.levelling_platform.leg import (
     extension_rate_on_plane,
     foot_motion,
 )
-from parapod.systems.levelling_platform.plane import dot, normal_of, seen_moving
+from parapod.systems.levelling_platform.plane import normal_of, seen_moving
 
 
 def _active_state(

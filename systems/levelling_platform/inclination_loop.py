@@ -19,14 +19,10 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.ports import elements, is_on, read, read_or_zeros
 from parapod.systems.core.templates import for_floats
+from parapod.systems.core.triples import dot
 from parapod.systems.levelling_platform.geometry import ACTIVE_LEGS, LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import (
-    attitude_seeing,
-    dot,
-    normal_of,
-    normal_over,
-)
+from parapod.systems.levelling_platform.plane import attitude_seeing, normal_of, normal_over
 
 
 @dataclass(frozen=True)

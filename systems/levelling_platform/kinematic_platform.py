@@ -45,7 +45,7 @@ class KinematicPlatform(OnInclinedGround):
     |---|---|---|---|
     | in `extension` | 4 | m | actuator extensions |
     | in `velocity` | 4 | m/s | their rates |
-    | in `arm_position` | 2 | rad | turntable and arm angle; unconnected: upright |
+    | in `arm_position` | n | rad or m | positions of the arm's joints; unconnected: zero |
     | out `posture` | 3 | rad, rad, m | roll, pitch, height |
     | out `attitude` | 3 | rad | roll, pitch, yaw (zero) |
     | out `angular_velocity` | 3 | rad/s | of the platform, in its own frame |
@@ -92,7 +92,8 @@ class KinematicPlatform(OnInclinedGround):
         self._solved = Remembered(functools.partial(_solved, geometry, params, wheels))
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
-        self._arm = self.DeclareVectorInputPort("arm_position", 2)
+        self._at_zero = [0.0] * params.arm.count
+        self._arm = self.DeclareVectorInputPort("arm_position", params.arm.count)
         tickets = {
             self._extension.ticket(),
             self._velocity.ticket(),
@@ -118,7 +119,7 @@ class KinematicPlatform(OnInclinedGround):
         output.SetFromVector(standing_pose(posture, self._ground_of(context)))
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
-        arm = read(self._arm, context) if self._arm.HasValue(context) else [0.0, 0.0]
+        arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero
         stance = self._solved(
             read(self._extension, context),
             read(self._velocity, context),

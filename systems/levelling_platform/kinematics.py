@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.core.batching import columns, stack
 from parapod.systems.core.elementwise import Elementwise, asin, atan2, nan_without_warning
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.triples import Vector3, dot
 from parapod.systems.levelling_platform.geometry import (
     LEG_COUNT,
     PlatformGeometry,
@@ -29,10 +30,8 @@ from parapod.systems.levelling_platform.leg import (
     foot_to_centre,
 )
 from parapod.systems.levelling_platform.plane import (
-    Vector3,
     attitude_derivatives,
     attitude_seeing,
-    dot,
     dot4,
     mismatch,
     normal_of,

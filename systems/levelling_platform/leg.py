@@ -13,8 +13,8 @@ All functions work elementwise on floats, arrays and AutoDiffXd
 import math
 
 from parapod.systems.core.elementwise import Elementwise, atan2, sqrt
+from parapod.systems.core.triples import Vector3, dot
 from parapod.systems.levelling_platform.geometry import LegGeometry
-from parapod.systems.levelling_platform.plane import Vector3, dot
 
 
 def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:

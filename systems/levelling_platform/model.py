@@ -33,6 +33,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import read, read_array
 from parapod.systems.core.remembered import Remembered
+from parapod.systems.core.triples import dot
 from parapod.systems.core.vectors import Axes
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
@@ -46,7 +47,7 @@ from parapod.systems.levelling_platform.leg import (
     swing_motion,
     swing_rate,
 )
-from parapod.systems.levelling_platform.plane import dot, normal_of
+from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.statics import resting_posture
 from parapod.systems.physics.loops import Ball, Coupling
 

@@ -8,22 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from parapod.systems.core.elementwise import sin_cos
+from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
+from parapod.systems.core.elementwise import Elementwise, sin_cos
 from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
 from parapod.systems.levelling_platform.geometry import ARM_BASE, LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
 from parapod.systems.levelling_platform.plane import (
-    Vector3,
     attitude_seeing,
-    dot,
-    minus,
     mismatch,
     normal_of,
     normal_over,
     normal_through,
-    plus,
-    scaled,
     to_platform,
     upwards,
     upwards_seeing,
@@ -31,17 +28,45 @@ from parapod.systems.levelling_platform.plane import (
 from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 
+def rod_arm(
+    base: Vector3 = ARM_BASE,
+    mass: float = 1.0,
+    centre: float = 1.747,
+    inertia: float = 0.2929,
+    length: float = 2.02,
+) -> SerialArm:
+    """Rod on a turntable without mass: the paper's arm.
+
+    It stands upright at zero; the turntable turns it about z, its joint swings it about y.
+
+    Args:
+        base: place of both joints, from the platform's centre F [m] (fitted to the workspace).
+        mass: rod with its camera [kg] (section 7).
+        centre: distance of its centre of mass from the base [m].
+        inertia: moment of inertia across it, about its centre of mass [kg m^2].
+        length: distance of its tip from the base [m] (section 4).
+    """
+    return SerialArm(
+        joints=(ArmJoint("turntable", base), ArmJoint("arm", axis=(0.0, 1.0, 0.0))),
+        links=(
+            ArmLink(),
+            ArmLink(mass, (0.0, 0.0, centre), (inertia, inertia, 0.0, 0.0, 0.0, 0.0)),
+        ),
+        tip_place=(0.0, 0.0, length),
+    )
+
+
+PAPER_ARM = rod_arm()
+
+
 @dataclass(frozen=True)
 class KinematicPlatformParams:
     """Masses and compliances of the quasi-static plant.
 
     Attributes:
-        mass: platform without the arm [kg] (section 5.2).
-        centre_of_mass: centre of mass of the platform without the arm, from F [m] (assumption).
-        arm_mass: arm with its camera [kg] (section 7).
-        arm_base: base of the arm, from F [m] (fitted to the paper's workspace).
-        arm_centre: distance of the arm's centre of mass from its base [m].
-        arm_inertia: moment of inertia of the arm across it, about its centre of mass [kg m^2].
+        mass: platform without the arm's links [kg] (section 5.2).
+        centre_of_mass: centre of mass of the platform without them, from F [m] (assumption).
+        arm: the arm.
         foot_stiffness: stiffness of one foot with its leg [N/m]; decides how the load is shared
             by four legs whose feet do not lie in one plane exactly (assumption).
         wheel_stiffness: stiffness of one wheel [N/m] (assumption).
@@ -50,18 +75,24 @@ class KinematicPlatformParams:
 
     mass: float = 50.0
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, -0.13)
-    arm_mass: float = 1.0
-    arm_base: tuple[float, float, float] = ARM_BASE
-    arm_centre: float = 1.747
-    arm_inertia: float = 0.2929
+    arm: SerialArm = PAPER_ARM
     foot_stiffness: float = 2.0e6
     wheel_stiffness: float = 2.0e6
     gravity: float = GRAVITY
 
-    def centre_with(self, on_arm: Vector3) -> Vector3:
-        """Centre of mass of platform and arm, where the arm's own is at `on_arm`, from F [m]."""
-        share = self.arm_mass / (self.mass + self.arm_mass)
-        return plus(scaled(self.centre_of_mass, 1.0 - share), scaled(on_arm, share))
+    @property
+    def total(self) -> float:
+        """Mass of platform and arm [kg]."""
+        return self.mass + self.arm.mass
+
+    def centre_with(self, arm: Sequence[Elementwise]) -> Vector3:
+        """Centre of mass of platform and arm, from F [m].
+
+        Args:
+            arm: positions (n) of the arm's joints [rad or m].
+        """
+        moment = plus(scaled(self.centre_of_mass, self.mass), self.arm.first_moment(arm))
+        return scaled(moment, 1.0 / self.total)
 
 
 class Stance(NamedTuple):
@@ -94,7 +125,7 @@ def stand(
         extension: (4) of the actuators [m].
         velocity: (4) their rates [m/s].
         ground: (2) roll and pitch of the ground [rad].
-        arm: (2) angles of turntable and arm [rad].
+        arm: (n) positions of the arm's joints [rad or m].
         foot_offsets: (4) how far each foot stands above the ground's plane [m].
     """
     motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
@@ -165,8 +196,8 @@ def _carry(
     radius: float,
 ) -> tuple[list[float], float]:
     """Shares of the weight carried by the four feet, and the weight normal to the ground [N]."""
-    weight = (params.mass + params.arm_mass) * params.gravity
-    com = centre_of_mass(params, arm)
+    weight = params.total * params.gravity
+    com = params.centre_with(arm)
     weights, excess = mismatch(feet)
     w_1, w_2, w_3, w_4 = weights
     squared = w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + w_4 * w_4
@@ -228,19 +259,6 @@ def _pressure_point(
     upright = g_1 * up_1 + g_2 * up_2 + g_3 * up_3
     fall = (dot(g, p) + dot(g, com) + radius) / upright
     return com[0] - fall * up_1 + radius * g_1, com[1] - fall * up_2 + radius * g_2, upright
-
-
-def centre_of_mass(params: KinematicPlatformParams, arm: list[float]) -> Vector3:
-    """Centre of mass of platform and arm at angles (2) of turntable and arm [rad], from F [m]."""
-    # Infinite angles give NaN.
-    (sin_turn, cos_turn), (sin_swing, cos_swing) = map(sin_cos, arm)
-    reach = params.arm_centre * sin_swing
-    on_arm = (
-        params.arm_base[0] + reach * cos_turn,
-        params.arm_base[1] + reach * sin_turn,
-        params.arm_base[2] + params.arm_centre * cos_swing,
-    )
-    return params.centre_with(on_arm)
 
 
 def _attitude(
@@ -306,7 +324,7 @@ def stand_on_feet_and_wheels(
         extension: (4) of the actuators [m].
         velocity: (4) their rates [m/s].
         ground: (2) roll and pitch of the ground [rad].
-        arm: (2) angles of turntable and arm [rad].
+        arm: (n) positions of the arm's joints [rad or m].
         foot_offsets: (4) how far each foot stands above the ground's plane [m].
     """
     stance = stand(geometry, params, extension, velocity, ground, arm, foot_offsets)
@@ -328,8 +346,8 @@ def stand_on_feet_and_wheels(
         for axle in wheels.axles
     ]
     n = normal_of(*ground)
-    com = centre_of_mass(params, arm)
-    weight = (params.mass + params.arm_mass) * params.gravity
+    com = params.centre_with(arm)
+    weight = params.total * params.gravity
     footing = _balance(supports, com, weight, n, wheels.standing_height)
     if footing is None:
         three, four = [math.nan] * 3, [math.nan] * LEG_COUNT

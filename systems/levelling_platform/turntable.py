@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.batching import of_width
+from parapod.systems.core.triples import cross, dot, minus
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import cross, dot, minus, upwards
+from parapod.systems.levelling_platform.plane import upwards
 from parapod.systems.levelling_platform.workspace import ArmGeometry, Workspace, boundary
 
 # Turns at which the ring's extent is taken, and points along an edge of a face there.

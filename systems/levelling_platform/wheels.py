@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.actuators.velocity_servo import VelocityServoParams
-from parapod.systems.levelling_platform.plane import Vector3
+from parapod.systems.core.triples import Vector3
 
 # Reduction n between motor and wheel [-] (section 2.1).
 WHEEL_GEAR = 26.0

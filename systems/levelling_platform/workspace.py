@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sin_cos
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.triples import Vector3, dot, plus, scaled
 from parapod.systems.levelling_platform.geometry import (
     ARM_BASE,
     LEG_COUNT,
@@ -44,12 +45,8 @@ from parapod.systems.levelling_platform.leg import (
     foot_to_centre,
 )
 from parapod.systems.levelling_platform.plane import (
-    Vector3,
     attitude_seeing,
-    dot,
     normal_of,
-    plus,
-    scaled,
     to_platform,
     to_world,
 )
@@ -79,15 +76,10 @@ class ArmGeometry:
     @property
     def p_FT(self) -> Vector3:
         """Vector from F to the tip, in the platform's frame [m]."""
-        return self.point_at(1.0)
-
-    def point_at(self, share: float) -> Vector3:
-        """Vector from F to the point at that share of the arm's length [m]."""
         (sin_turn, cos_turn), (sin_lean, cos_lean) = sin_cos(self.turn), sin_cos(self.lean)
         x, y, z = self.offset
-        length = share * self.length
-        sideways = length * sin_lean
-        return x + sideways * cos_turn, y + sideways * sin_turn, z + length * cos_lean
+        sideways = self.length * sin_lean
+        return x + sideways * cos_turn, y + sideways * sin_turn, z + self.length * cos_lean
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,10 @@
 The platform stands still on its feet while the arm moves. The ground then has to bear gravity and
 what accelerating the arm takes: the resultant R and, about the platform's centre F, the moment
 
-    M = c_p x m_p g + c_a x m_a (g - a) - H',
+    M = c_p x m_p g + M_a,
 
-with the platform's mass m_p at c_p and the arm's m_a at c_a, accelerated by a. The arm is a
-slender rigid body: with u along it from its base b, c_a = b + l u, a = l u'' and
-H' = m_a k^2 u x u'', k the radius of gyration across it. What it takes to spin the arm about its
-own axis and the turntable about its own is neglected: .0013 kg m^2 in all, which move the point
-by some thousandths of a millimetre in a fast turn.
+with the platform's mass m_p at c_p; R_a and M_a are the wrench of the moving arm, by `SerialArm`,
+and R = m_p g + R_a.
 
 The zero-moment point is where the line of R meets the ground's plane when M has been shifted
 there, so that only a moment about the plane's normal n is left:
@@ -36,19 +33,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.core.batching import columns, stack
-from parapod.systems.core.elementwise import Elementwise, clamp, nan_without_warning, sin_cos, sqrt
+from parapod.systems.core.elementwise import Elementwise, clamp, nan_without_warning, sqrt
+from parapod.systems.core.triples import Vector3, cross, plus, scaled
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import (
-    Vector3,
-    cross,
-    minus,
-    plus,
-    scaled,
-    to_platform,
-    to_world,
-    upwards,
-)
+from parapod.systems.levelling_platform.plane import to_platform, to_world, upwards
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 
 type Profile = Literal["cubic", "quintic"]
@@ -59,51 +48,52 @@ _PEAKS: dict[str, tuple[float, float]] = {
     "quintic": (1.875, 10.0 / math.sqrt(3.0)),
 }
 # Instants of a move that are looked at: that many intervals, and one more for each of these
-# angles [rad] that it is long. Between two of them the margin is smaller by .05 mm at most.
+# ways [rad or m] that it is long. Between two of them the margin of the paper's platform is
+# smaller by .05 mm at most.
 _INTERVALS = 40
-_ANGLE_STEP = 0.04
+_STEP = 0.04
 
 
 class ArmMotion(NamedTuple):
-    """Motion of turntable and arm at an instant; at rest by default.
+    """Motion of an arm at an instant.
 
     Attributes:
-        angle: (..., 2) turntable and arm [rad].
-        rate: (..., 2) [rad/s].
-        acceleration: (..., 2) [rad/s^2].
+        position: (..., n) of its joints [rad or m].
+        rate: (..., n) [rad/s or m/s]; None: at rest.
+        acceleration: (..., n) [rad/s^2 or m/s^2]; None: none.
     """
 
-    angle: ArrayLike
-    rate: ArrayLike = (0.0, 0.0)
-    acceleration: ArrayLike = (0.0, 0.0)
+    position: ArrayLike
+    rate: ArrayLike | None = None
+    acceleration: ArrayLike | None = None
 
 
 @dataclass(frozen=True)
 class ArmMove:
-    """A move of turntable and arm from rest to rest, both along the same polynomial of time.
+    """A move of an arm from rest to rest, all joints along the same polynomial of time.
 
     Attributes:
-        start: (2) angles at which it begins [rad].
-        goal: (2) angles at which it ends [rad].
+        start: (n) positions of the joints at which it begins [rad or m].
+        goal: (n) positions at which it ends [rad or m].
         duration: [s]; above zero unless it goes nowhere.
         profile: "cubic" has a continuous rate, "quintic" a continuous acceleration too.
     """
 
-    start: tuple[float, float]
-    goal: tuple[float, float]
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
     duration: float
     profile: Profile = "cubic"
 
     @classmethod
     def within(
         cls,
-        start: tuple[float, float],
-        goal: tuple[float, float],
-        rate: tuple[float, float],
-        acceleration: tuple[float, float],
+        start: tuple[float, ...],
+        goal: tuple[float, ...],
+        rate: tuple[float, ...],
+        acceleration: tuple[float, ...],
         profile: Profile = "cubic",
     ) -> Self:
-        """The shortest move whose largest rates [rad/s] and accelerations [rad/s^2] are these."""
+        """The shortest move with these largest rates and accelerations (n) of the joints."""
         peak_rate, peak_acceleration = _PEAKS[profile]
         duration = 0.0
         for a, b, v, w in zip(start, goal, rate, acceleration, strict=True):
@@ -117,20 +107,19 @@ class ArmMove:
             return ArmMotion(self.goal)
         if elapsed < 0.0:
             return ArmMotion(self.start)
-        (a, b), (c, d) = self.start, self.goal
-        way = (c - a, d - b)
+        way = [b - a for a, b in zip(self.start, self.goal, strict=True)]
         s, s_1, s_2 = _profile(self.profile, elapsed / self.duration)
         v, w = s_1 / self.duration, s_2 / (self.duration * self.duration)
         return ArmMotion(
-            (a + s * way[0], b + s * way[1]),
-            (v * way[0], v * way[1]),
-            (w * way[0], w * way[1]),
+            tuple(a + s * each for a, each in zip(self.start, way, strict=True)),
+            tuple(v * each for each in way),
+            tuple(w * each for each in way),
         )
 
     def sampled(self) -> ArmMotion:
         """The motion at instants (n) from the beginning to the end, both included, moving."""
         start, way = np.array(self.start), np.subtract(self.goal, self.start)
-        intervals = _INTERVALS + int(np.abs(way).max() / _ANGLE_STEP)
+        intervals = _INTERVALS + int(np.abs(way).max(initial=0.0) / _STEP)
         progress = np.linspace(0.0, 1.0, intervals + 1)[:, np.newaxis]
         s, s_1, s_2 = _profile(self.profile, progress)
         time = self.duration or math.inf  # a move that goes nowhere is at rest
@@ -202,15 +191,17 @@ def zero_moment_point(
         geometry: the platform.
         params: masses.
         footing: stance of the platform.
-        motion: motion of turntable and arm.
+        motion: motion of the arm.
 
     Returns:
         (..., 2) [m]; NaN where the resultant does not press on the ground, or no foot stands.
     """
-    (extension, attitude, ground, standing, *arm), shape = _columns(footing, motion)
+    (extension, attitude, ground, standing, *arm), shape = _columns(
+        footing, params.arm.count, motion
+    )
     axes = _ground_axes(attitude, ground)
     _, height = _polygon(geometry, extension, axes, standing)
-    return stack(_point(params, axes, ground, height, *arm), shape)
+    return stack(_point(params, axes, attitude, ground, height, arm), shape)
 
 
 @nan_without_warning
@@ -226,7 +217,7 @@ def tipping_margin(
         geometry: the platform.
         params: masses.
         footing: stance of the platform.
-        motion: motion of turntable and arm.
+        motion: motion of the arm.
 
     Returns:
         (...) [m]; negative outside. Minus infinity with fewer than three standing feet, where the
@@ -234,11 +225,11 @@ def tipping_margin(
         that is not finite; never NaN.
     """
     with np.errstate(over="ignore"):
-        arrays, shape = _columns(footing, motion)
+        arrays, shape = _columns(footing, params.arm.count, motion)
         extension, attitude, ground, standing, *arm = arrays
         axes = _ground_axes(attitude, ground)
         corners, height = _polygon(geometry, extension, axes, standing)
-        point = _point(params, axes, ground, height, *arm)
+        point = _point(params, axes, attitude, ground, height, arm)
         distance = _signed_distance(corners, point)
         feet = sum(1.0 * (foot > 0.5) for foot in standing)
         # Zero if everything is finite, NaN otherwise.
@@ -261,25 +252,25 @@ def move_margin(
         geometry: the platform.
         params: masses.
         footing: stance of the platform meanwhile; no batch.
-        move: move of turntable and arm.
+        move: move of the arm.
         with_acceleration: False counts gravity only, as if the arm moved slowly.
     """
-    motion = move.sampled()
+    position, rate, acceleration = map(np.asarray, move.sampled())
     if with_acceleration:
         ends = np.array([move.start, move.goal])
-        still = np.zeros((2, 2))
+        still = np.zeros(ends.shape)
         motion = ArmMotion(
-            np.concatenate([motion.angle, ends]),
-            np.concatenate([motion.rate, still]),
-            np.concatenate([motion.acceleration, still]),
+            np.concatenate([position, ends]),
+            np.concatenate([rate, still]),
+            np.concatenate([acceleration, still]),
         )
     else:
-        motion = ArmMotion(motion.angle)
+        motion = ArmMotion(position)
     return float(tipping_margin(geometry, params, footing, motion).min())
 
 
 def _columns(
-    footing: Footing, motion: ArmMotion | None = None
+    footing: Footing, joints: int = 0, motion: ArmMotion | None = None
 ) -> tuple[list[list[Elementwise]], tuple[int, ...]]:
     blocks: list[tuple[ArrayLike, int, str]] = [
         (footing.extension, 4, "extension"),
@@ -288,10 +279,10 @@ def _columns(
         (footing.standing, 4, "standing"),
     ]
     if motion is not None:
+        still = (0.0,) * joints
         blocks += [
-            (motion.angle, 2, "angle"),
-            (motion.rate, 2, "rate"),
-            (motion.acceleration, 2, "acceleration"),
+            (still if value is None else value, joints, name)
+            for name, value in motion._asdict().items()
         ]
     return columns(*blocks)
 
@@ -335,41 +326,21 @@ def _polygon(
 def _point(
     params: KinematicPlatformParams,
     axes: list[Vector3],
+    attitude: list[Elementwise],
     ground: list[Elementwise],
     height: Elementwise,
-    angle: list[Elementwise],
-    rate: list[Elementwise],
-    acceleration: list[Elementwise],
+    arm: list[list[Elementwise]],
 ) -> Point:
-    """The zero-moment point (x, y) in the ground's axes."""
-    along, bent = (_seen(axes, vector) for vector in _arm(angle, rate, acceleration))
+    """The zero-moment point (x, y) in the ground's axes, by the motion of the arm."""
     platform = _seen(axes, params.centre_of_mass)
-    arm = plus(_seen(axes, params.arm_base), scaled(along, params.arm_centre))
-    g = scaled(upwards(*ground), -params.gravity)
-    on_platform = scaled(g, params.mass)
-    on_arm = scaled(minus(g, scaled(bent, params.arm_centre)), params.arm_mass)
-    turning = scaled(cross(along, bent), params.arm_inertia)
-    x, y, z = plus(on_platform, on_arm)
-    m_x, m_y, _ = minus(plus(cross(platform, on_platform), cross(arm, on_arm)), turning)
+    on_platform = scaled(upwards(*ground), -params.gravity * params.mass)
+    position, rate, acceleration = arm
+    gravity = scaled(upwards(*attitude), -params.gravity)
+    on_arm = params.arm.reaction(position, rate, acceleration, gravity)
+    x, y, z = plus(on_platform, _seen(axes, on_arm.force))
+    m_x, m_y, _ = plus(cross(platform, on_platform), _seen(axes, on_arm.moment))
     z = _choose(z < 0.0, z, math.nan)
     return (-m_y - height * x) / z, (m_x - height * y) / z
-
-
-def _arm(
-    angle: list[Elementwise], rate: list[Elementwise], acceleration: list[Elementwise]
-) -> tuple[Vector3, Vector3]:
-    """Unit vector along the arm in the platform's frame, and its second derivative [1/s^2]."""
-    (sin_turn, cos_turn), (sin_swing, cos_swing) = sin_cos(angle[0]), sin_cos(angle[1])
-    turn, swing = rate
-    # Along the arm, across it in the plane that it leans in, and across that plane.
-    u = (sin_swing * cos_turn, sin_swing * sin_turn, cos_swing)
-    v = (cos_swing * cos_turn, cos_swing * sin_turn, -sin_swing)
-    w = (-sin_turn, cos_turn, 0.0)
-    centripetal = turn * turn * sin_swing
-    by_u = -swing * swing - centripetal * sin_swing
-    by_v = acceleration[1] - centripetal * cos_swing
-    by_w = acceleration[0] * sin_swing + 2.0 * turn * swing * cos_swing
-    return u, plus(plus(scaled(u, by_u), scaled(v, by_v)), scaled(w, by_w))
 
 
 def _signed_distance(corners: list[Point], point: Point) -> Elementwise:

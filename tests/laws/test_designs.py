@@ -63,13 +63,17 @@ each_kind = pytest.mark.parametrize(
 )
 # Powers of the scale with which fields of masses grow; others are masses, and grow with its cube.
 POWERS = {
-    "arm_base": 1,
-    "arm_centre": 1,
     "body_height": 1,
     "centre": 1,
     "centre_of_mass": 1,
-    "arm_inertia": 5,
     "inertia": 5,
+    "place": 1,
+    "tip_place": 1,
+    "lower": 0,
+    "upper": 0,
+    "rotation": 0,
+    "tip_rotation": 0,
+    "axis": 0,
     "foot_stiffness": 0,
     "wheel_stiffness": 0,
     "gravity": 0,
@@ -120,24 +124,33 @@ def similar(design: Any, scale: float) -> Any:
     return design
 
 
+def grown_by(factor: float, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(grown_by(factor, item) for item in value)
+    return factor * value
+
+
 def scaled(masses: Any, scale: float) -> Any:
     if not is_dataclass(masses):
         raise TypeError(masses)
     grown = {}
     for each in fields(masses):
         value = getattr(masses, each.name)
+        if isinstance(value, str):
+            continue
         if is_dataclass(value):
             grown[each.name] = scaled(value, scale)
+        elif isinstance(value, tuple) and any(map(is_dataclass, value)):
+            grown[each.name] = tuple(scaled(item, scale) for item in value)
         else:
             factor = scale ** POWERS.get(each.name, 3)
-            grown[each.name] = (
-                tuple((factor * np.array(value)).tolist()) if np.ndim(value) else (factor * value)
-            )
+            grown[each.name] = grown_by(factor, value)
     return replace(masses, **grown)
 
 
 def numbers(data: Any) -> list[float]:
-    return [x for item in data for x in (numbers(item) if isinstance(item, tuple) else [item])]
+    items = [item for item in data if not isinstance(item, str)]
+    return [x for item in items for x in (numbers(item) if isinstance(item, tuple) else [item])]
 
 
 @each_machine

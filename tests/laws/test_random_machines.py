@@ -160,7 +160,7 @@ def gaps_of(bodies: Bodies) -> list[float]:
 
 # Masses of a whole machine in closed form [kg].
 MASSES: Mapping[str, Callable[[Any], float]] = {
-    "levelling_platform": lambda masses: masses.mass + masses.arm_mass,
+    "levelling_platform": lambda masses: masses.total,
     "walking_chair": lambda masses: masses.total,
     "machining_centre": lambda masses: masses.platform,
     "terrain_simulator": lambda masses: (
@@ -205,7 +205,7 @@ def platform_s_centre(design: Any) -> None:
     ground = plant.GetBodyByName("ground").index()
     others = [i for i in map(BodyIndex, range(1, plant.num_bodies())) if i != ground]
     inertia = plant.CalcSpatialInertia(context, model.base.body_frame(), others)
-    wanted = masses.centre_with((*masses.arm_base[:2], masses.arm_base[2] + masses.arm_centre))
+    wanted = masses.centre_with([0.0] * masses.arm.count)
     np.testing.assert_allclose(inertia.get_com(), wanted, rtol=0.0, atol=1e-12 * design.size)
 
 

@@ -260,7 +260,7 @@ def test_centre_of_mass_is_that_of_the_quasi_static_plant(machine):
     np.testing.assert_allclose(moments / masses, params.centre_of_mass, rtol=0, atol=0.02)
     link = machine.plant.GetBodyByName("link", machine.model.arm)
     centre = link.default_spatial_inertia().get_com()
-    np.testing.assert_allclose(centre, (0.0, 0.0, params.arm_centre), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(centre, params.arm.links[1].centre, rtol=0, atol=1e-3)
 
 
 # Contact

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sin_cos
+from parapod.systems.core.triples import Vector3, dot, plus, scaled
 from parapod.systems.levelling_platform.calibration.poses import PoseRecording
 from parapod.systems.levelling_platform.geometry import (
     ANGLES,
@@ -33,15 +34,7 @@ from parapod.systems.levelling_platform.geometry import (
 )
 from parapod.systems.levelling_platform.kinematics import estimate_ground
 from parapod.systems.levelling_platform.leg import long_side
-from parapod.systems.levelling_platform.plane import (
-    Vector3,
-    attitude_derivatives,
-    dot,
-    normal_of,
-    plus,
-    scaled,
-    to_platform,
-)
+from parapod.systems.levelling_platform.plane import attitude_derivatives, normal_of, to_platform
 
 type Floats = NDArray[np.float64]
 

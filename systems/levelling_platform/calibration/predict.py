@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.systems.core.triples import dot
 from parapod.systems.levelling_platform.calibration.equations import (
     Tolerances,
     ground_in_heading,
@@ -14,7 +15,7 @@ from parapod.systems.levelling_platform.calibration.solve import Calibration, ca
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import dot, normal_of, to_platform
+from parapod.systems.levelling_platform.plane import normal_of, to_platform
 
 type Floats = NDArray[np.float64]
 # Most calibrations that cross-validation makes.

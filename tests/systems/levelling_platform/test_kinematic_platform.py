@@ -14,13 +14,14 @@ from parapod.systems.levelling_platform.kinematics import (
     posture_jacobian,
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.statics import KinematicPlatformParams
+from parapod.systems.levelling_platform.statics import KinematicPlatformParams, rod_arm
 
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)
 PARAMS = KinematicPlatformParams()
 STIFF = replace(PARAMS, foot_stiffness=1e9)
-WEIGHT = (PARAMS.mass + PARAMS.arm_mass) * PARAMS.gravity
+CENTRED = rod_arm((0.0, 0.0, 0.145))
+WEIGHT = 51.0 * PARAMS.gravity
 POSTURE = np.array((0.02, -0.01, 0.475))
 GROUND = np.array((0.03, -0.04))
 LEVEL = (0.0, 0.0)
@@ -63,9 +64,9 @@ def centre_of_mass(arm, params=PARAMS):
     along = np.array(
         (math.sin(swing) * math.cos(turn), math.sin(swing) * math.sin(turn), math.cos(swing))
     )
-    arm_centre = np.array(params.arm_base) + params.arm_centre * along
-    total = params.mass + params.arm_mass
-    return (params.mass * np.array(params.centre_of_mass) + params.arm_mass * arm_centre) / total
+    rod, base = params.arm.links[1], params.arm.joints[0].place
+    moment = rod.mass * (np.array(base) + rod.centre[2] * along)
+    return (params.mass * np.array(params.centre_of_mass) + moment) / (params.mass + rod.mass)
 
 
 def cases(count=30, seed=0):
@@ -84,7 +85,7 @@ def cases(count=30, seed=0):
 
 
 def test_forces_of_the_level_platform_are_a_quarter_of_the_weight_each(stand):
-    centred = replace(STIFF, arm_base=(0.0, 0.0, 0.145))
+    centred = replace(STIFF, arm=CENTRED)
     output = stand([0.405] * 4, params=centred)
     # 51 kg on four feet: 125 N each.
     np.testing.assert_allclose(output["contact_force"], 51.0 * 9.81 / 4.0, rtol=1e-9)
@@ -126,7 +127,7 @@ def test_posture_of_stiff_feet_is_forward_kinematics(stand, geometry):
 
 
 def test_platform_sinks_by_force_over_stiffness(stand):
-    soft = replace(PARAMS, arm_base=(0.0, 0.0, 0.145), foot_stiffness=2e6)
+    soft = replace(PARAMS, arm=CENTRED, foot_stiffness=2e6)
     height = [
         stand([0.405] * 4, params=params)["posture"][2]
         for params in (soft, replace(soft, foot_stiffness=1e15))
@@ -202,7 +203,7 @@ def test_an_arm_that_swings_moves_the_load_to_where_it_leans(stand, turn, axis):
         loads.append(force[feet > 0.0].sum())
     assert (np.diff(loads) > 1.0).all()
     # Levers: the feet stand 2 x apart, and the arm's centre goes r sin(swing) to the side.
-    moment = PARAMS.arm_mass * PARAMS.gravity * PARAMS.arm_centre * math.sin(0.8)
+    moment = 1.0 * PARAMS.gravity * 1.747 * math.sin(0.8)
     expected = moment / (2.0 * feet.max())
     assert loads[-1] - loads[2] == pytest.approx(expected, rel=1e-6)
 
@@ -277,9 +278,9 @@ def test_extension_that_cannot_be_built_gives_nan(stand, bad):
     [
         ("mass", 60.0, "contact_force"),
         ("centre_of_mass", (0.05, 0.0, -0.13), "contact_force"),
-        ("arm_mass", 2.0, "contact_force"),
-        ("arm_base", (0.2, 0.0, 0.1), "contact_force"),
-        ("arm_centre", 1.0, "contact_force"),
+        ("arm", rod_arm(mass=2.0), "contact_force"),
+        ("arm", rod_arm((0.2, 0.0, 0.1)), "contact_force"),
+        ("arm", rod_arm(centre=1.0), "contact_force"),
         ("foot_stiffness", 1e5, "posture"),
         ("gravity", 1.62, "specific_force"),
     ],

@@ -4,18 +4,14 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
+from parapod.systems.core.triples import cross, dot, minus, plus, scaled
 from parapod.systems.levelling_platform.plane import (
     attitude_derivatives,
     attitude_seeing,
-    cross,
-    dot,
     dot4,
-    minus,
     mismatch,
     normal_of,
     normal_through,
-    plus,
-    scaled,
     seen_moving,
     to_platform,
     to_world,

@@ -12,6 +12,7 @@ from parapod.systems.levelling_platform.stability_monitor import (
     StabilityMonitorParams,
     usual_margin,
 )
+from parapod.systems.levelling_platform.statics import rod_arm
 from parapod.systems.levelling_platform.zero_moment_point import (
     ArmMotion,
     ArmMove,
@@ -266,7 +267,7 @@ def test_a_request_during_a_move_waits_for_its_end_and_the_latest_counts(watch):
         assert monitor.margin_requested == along(move_of(first, request))
     commands = monitor.commands(3.0, 1e-3)
     uninterrupted = move_of((0.0, 0.0), first)
-    np.testing.assert_allclose(commands[99], uninterrupted.at(0.6).angle, atol=1e-12)
+    np.testing.assert_allclose(commands[99], uninterrupted.at(0.6).position, atol=1e-12)
     assert (commands == first).all(axis=1).any()
     np.testing.assert_array_equal(monitor.command, third)
     # On the straight way to the third; the second was never approached.
@@ -365,7 +366,8 @@ def test_the_way_is_looked_at_only_when_a_request_changes(watch, monkeypatch):
 def test_limits_are_those_of_the_context(watch):
     monitor = watch()
     limits = monitor.context.get_mutable_numeric_parameter(0)
-    expected = (PARAMS.margin, *PARAMS.rate, *PARAMS.acceleration, *PARAMS.reach)
+    lower, upper = zip(*PARAMS.reach, strict=True)
+    expected = (PARAMS.margin, *PARAMS.rate, *PARAMS.acceleration, *lower, *upper)
     np.testing.assert_array_equal(limits.CopyToVector(), expected)
     limits.SetAtIndex(0, 0.6)
     assert_refused(monitor, (0.0, 0.1))
@@ -375,12 +377,12 @@ def test_limits_are_those_of_the_context(watch):
     assert monitor.command[1] < 0.2
     monitor.wait(0.15)
     assert monitor.command[1] == 0.2
-    limits.SetAtIndex(6, 0.4)
+    limits.SetAtIndex(8, 0.4)
     assert_refused(monitor, (0.0, 0.41))
 
 
 def test_what_platform_and_arm_weigh_comes_from_the_params(watch):
-    heavy = replace(PARAMS, platform=replace(PARAMS.platform, arm_mass=10.0))
+    heavy = replace(PARAMS, platform=replace(PARAMS.platform, arm=rod_arm(mass=10.0)))
     margins = []
     for params in (PARAMS, heavy):
         monitor = watch(params, arm_request=SIDEWAYS)

@@ -11,6 +11,7 @@ from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
     Stance,
+    rod_arm,
     stand,
     stand_on_feet_and_wheels,
 )
@@ -18,7 +19,7 @@ from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 WHEELS = WheelGeometry()
 PARAMS = KinematicPlatformParams()
-WEIGHT = (PARAMS.mass + PARAMS.arm_mass) * PARAMS.gravity
+WEIGHT = 51.0 * PARAMS.gravity
 GROUND = (0.03, -0.05)
 UPRIGHT = (0.0, 0.0)
 LEVEL = (0.0, 0.0)
@@ -61,9 +62,9 @@ def centre_of_mass(arm, params=PARAMS):
     along = np.array(
         (math.sin(swing) * math.cos(turn), math.sin(swing) * math.sin(turn), math.cos(swing))
     )
-    arm_centre = np.array(params.arm_base) + params.arm_centre * along
-    total = params.mass + params.arm_mass
-    return (params.mass * np.array(params.centre_of_mass) + params.arm_mass * arm_centre) / total
+    rod, base = params.arm.links[1], params.arm.joints[0].place
+    moment = rod.mass * (np.array(base) + rod.centre[2] * along)
+    return (params.mass * np.array(params.centre_of_mass) + moment) / (params.mass + rod.mass)
 
 
 class InTheWorld:
@@ -132,7 +133,7 @@ def test_with_legs_up_it_stands_parallel_to_the_ground_on_its_wheels():
 
 
 def test_wheels_give_way_under_a_quarter_of_the_weight_each():
-    centred = replace(PARAMS, arm_base=(0.0, 0.0, 0.145))
+    centred = replace(PARAMS, arm=rod_arm((0.0, 0.0, 0.145)))
     stance = standing([0.45] * 4, params=centred)
     sunk = 51.0 * 9.81 / 4.0 / centred.wheel_stiffness
     np.testing.assert_allclose(stance.posture, (0.0, 0.0, 0.390 - sunk), rtol=0, atol=1e-12)

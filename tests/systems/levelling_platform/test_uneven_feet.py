@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from parapod.systems.core.triples import dot, minus
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
@@ -16,8 +17,6 @@ from parapod.systems.levelling_platform.kinematics import (
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.plane import (
-    dot,
-    minus,
     normal_of,
     normal_over,
     normal_through,

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.triples import plus
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
@@ -13,7 +14,7 @@ from parapod.systems.levelling_platform.kinematics import (
     posture_jacobian,
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre
-from parapod.systems.levelling_platform.plane import normal_of, plus, to_platform, to_world
+from parapod.systems.levelling_platform.plane import normal_of, to_platform, to_world
 from parapod.systems.levelling_platform.turntable import (
     stability_margin,
     stroke_left_turning,
