@@ -1,6 +1,5 @@
 """A flexible rod on a base that moves: its tip, and its wrench on the base."""
 
-import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -10,9 +9,10 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.rod_motion import ClampMotion, RodMotion, Tip
+from parapod.systems.core import quaternions
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read
-from parapod.systems.core.vectors import Axes, Vector3
+from parapod.systems.core.vectors import Axes
 
 _UPWARDS = (0.0, 0.0, GRAVITY)  # specific force of what is at rest [m/s^2]
 _ABSURD = 1e6  # sum of numbers that no base's motion has
@@ -146,7 +146,7 @@ class FlexibleArm(LeafSystem):
         if self._has_velocity:
             return read(self._velocity, context)
         last = base[_POSE]
-        turn = _turn_between(last[:4], pose[:4])
+        turn = quaternions.turn_between(last[:4], pose[:4])
         way = [now - before for now, before in zip(pose[4:], last[4:], strict=True)]
         return [change / self._period for change in (*turn, *way)]
 
@@ -161,8 +161,8 @@ class FlexibleArm(LeafSystem):
         pose = read(self._pose, context)
         x, y, z = tip.place
         axes = Axes.from_quaternion(pose[:4])
-        place = _in_world(axes, (x, y, z + self._motion.rod.length))
-        turned = _product(pose[:4], _quaternion_of(tip.turn))
+        place = axes.in_world((x, y, z + self._motion.rod.length))
+        turned = quaternions.product(pose[:4], quaternions.of_turn(tip.turn))
         output.SetFromVector(
             np.array([*turned, *(p + r for p, r in zip(pose[4:], place, strict=True))])
         )
@@ -173,10 +173,10 @@ class FlexibleArm(LeafSystem):
         velocity = read(self._velocity, context) if self._has_velocity else base[_VELOCITY]
         axes = Axes.from_quaternion(pose[:4])
         x, y, z = tip.place
-        (r_x, r_y, r_z) = _in_world(axes, (x, y, z + self._motion.rod.length))
+        (r_x, r_y, r_z) = axes.in_world((x, y, z + self._motion.rod.length))
         w_x, w_y, w_z, *linear = velocity
         carried = (w_y * r_z - w_z * r_y, w_z * r_x - w_x * r_z, w_x * r_y - w_y * r_x)
-        turning, moving = _in_world(axes, tip.turning), _in_world(axes, tip.velocity)
+        turning, moving = axes.in_world(tip.turning), axes.in_world(tip.velocity)
         angular = [a + b for a, b in zip((w_x, w_y, w_z), turning, strict=True)]
         linear = [a + b + c for a, b, c in zip(linear, carried, moving, strict=True)]
         output.SetFromVector(np.array(angular + linear))
@@ -196,9 +196,9 @@ class FlexibleArm(LeafSystem):
         base = state[self._size :]
         axes, motion = Axes.from_quaternion(base[_POSE][:4]), _motion_in(base)
         wrench = self._motion.bending_wrench(state[: self._size], motion)
-        parts = [_in_world(axes, part) for part in wrench]
+        parts = [axes.in_world(part) for part in wrench]
         if is_whole:
-            rigid = [_in_world(axes, part) for part in self._motion.rigid_wrench(motion)]
+            rigid = [axes.in_world(part) for part in self._motion.rigid_wrench(motion)]
             return [a + b for i in range(2) for a, b in zip(parts[i], rigid[i], strict=True)]
         return [*parts[0], *parts[1]]
 
@@ -217,46 +217,3 @@ def _motion_in(base: list[float]) -> ClampMotion:
     """Motion of the clamp in the last step."""
     f_x, f_y, f_z, w_x, w_y, w_z, a_x, a_y, a_z = base[_MOTION]
     return ClampMotion((f_x, f_y, f_z), (w_x, w_y, w_z), (a_x, a_y, a_z))
-
-
-def _in_world(axes: Axes, vector: Sequence[float]) -> Vector3:
-    """A vector along the base's axes, in the world's."""
-    a, b, c = vector
-    (x_1, x_2, x_3), (y_1, y_2, y_3), (z_1, z_2, z_3) = axes
-    return (
-        x_1 * a + y_1 * b + z_1 * c,
-        x_2 * a + y_2 * b + z_2 * c,
-        x_3 * a + y_3 * b + z_3 * c,
-    )
-
-
-def _product(p: Sequence[float], q: Sequence[float]) -> tuple[float, float, float, float]:
-    """Product of two quaternions (w, x, y, z)."""
-    (a, b, c, d), (w, x, y, z) = p, q
-    return (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
-
-
-def _quaternion_of(turn: Vector3) -> tuple[float, float, float, float]:
-    """Quaternion of a rotation vector [rad]."""
-    angle = math.hypot(*turn)
-    share = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-    x, y, z = (share * part for part in turn)
-    return math.cos(0.5 * angle), x, y, z
-
-
-def _turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:
-    """Rotation vector in the world [rad] from one quaternion to another."""
-    w, x, y, z = start
-    cosine, *sines = _product(end, (w, -x, -y, -z))
-    sine = math.hypot(*sines)
-    if sine == 0.0:
-        return _STILL
-    # Quaternions of opposite signs are the same rotation.
-    factor = math.copysign(2.0 * math.atan2(sine, abs(cosine)) / sine, cosine)
-    a, b, c = (factor * part for part in sines)
-    return a, b, c

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.systems.core import quaternions
 from parapod.systems.core.elementwise import Elementwise, sin_cos
 
 type Vector3 = tuple[float, float, float]
@@ -59,6 +60,16 @@ class Axes(NamedTuple):
             math.atan2(self.x[1], self.x[0]),
         )
 
+    def in_world(self, vector: Sequence[float]) -> Vector3:
+        """A vector along the body's axes, in the world."""
+        a, b, c = vector
+        (x_1, x_2, x_3), (y_1, y_2, y_3), (z_1, z_2, z_3) = self
+        return (
+            x_1 * a + y_1 * b + z_1 * c,
+            x_2 * a + y_2 * b + z_2 * c,
+            x_3 * a + y_3 * b + z_3 * c,
+        )
+
     def components(self, vector: Sequence[float]) -> Vector3:
         """A vector of the world along the body's axes."""
         a, b, c = vector
@@ -108,17 +119,7 @@ def turned_angles(angles: Sequence[float], turn: Sequence[float]) -> Vector3:
 
 def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:
     """Rotation vector [rad] by which `turned_angles` takes angles from start to end."""
-    (w, x, y, z), (v, a, b, c) = _quaternion(*start), _quaternion(*end)
-    cosine = v * w + a * x + b * y + c * z
-    sines = (
-        a * w - v * x - b * z + c * y,
-        b * w - v * y - c * x + a * z,
-        c * w - v * z - a * y + b * x,
-    )
-    sine = math.hypot(*sines)
-    factor = 2.0 * math.atan2(sine, abs(cosine)) / sine if sine else 2.0
-    factor = math.copysign(factor, cosine)
-    return sines[0] * factor, sines[1] * factor, sines[2] * factor
+    return quaternions.turn_between(_quaternion(*start), _quaternion(*end))
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

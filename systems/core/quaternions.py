@@ -1,0 +1,56 @@
+"""Rotations as quaternions (w, x, y, z), in plain numbers."""
+
+import math
+from collections.abc import Sequence
+
+type Quaternion = tuple[float, float, float, float]
+type Vector3 = tuple[float, float, float]
+
+
+def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
+    """Quaternion of the rotation q, followed by p in the axes that do not turn."""
+    (a, b, c, d), (w, x, y, z) = p, q
+    return (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+
+
+def of_turn(turn: Sequence[float]) -> Quaternion:
+    """Quaternion of a rotation vector [rad]."""
+    angle = math.hypot(*turn)
+    share = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+    x, y, z = (share * part for part in turn)
+    return math.cos(0.5 * angle), x, y, z
+
+
+def of_axes(axes: Sequence[Sequence[float]]) -> Quaternion:
+    """Quaternion of a body with these unit vectors as its axes x, y and z.
+
+    By the largest of its elements, after Shepperd, "Quaternion from rotation matrix", 1978.
+    """
+    (a, d, g), (b, e, h), (c, f, i) = axes
+    squares = (a + e + i, a - e - i, e - a - i, i - a - e)
+    largest = max(range(4), key=squares.__getitem__)
+    twice = math.sqrt(1.0 + squares[largest])
+    by = 0.5 / twice
+    rows = (
+        (0.5 * twice, (h - f) * by, (c - g) * by, (d - b) * by),
+        ((h - f) * by, 0.5 * twice, (b + d) * by, (c + g) * by),
+        ((c - g) * by, (b + d) * by, 0.5 * twice, (f + h) * by),
+        ((d - b) * by, (c + g) * by, (f + h) * by, 0.5 * twice),
+    )
+    return rows[largest]
+
+
+def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:
+    """Rotation vector [rad], in the axes that do not turn, from one rotation to another."""
+    w, x, y, z = start
+    cosine, *sines = product(end, (w, -x, -y, -z))
+    sine = math.hypot(*sines)
+    # Quaternions of opposite signs are the same rotation.
+    factor = 2.0 * math.atan2(sine, abs(cosine)) / sine if sine else 2.0
+    factor = math.copysign(factor, cosine)
+    return sines[0] * factor, sines[1] * factor, sines[2] * factor
