@@ -19,7 +19,7 @@ class ArmTip(LeafSystem):
 
     | port | size | unit | meaning |
     |---|---|---|---|
-    | in `platform_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the platform's centre F |
+    | in `platform_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the centre F |
     | in `platform_velocity` | 6 | rad/s, m/s | angular and linear velocity; unconnected: 0 |
     | in `arm_state` | 2n | rad or m, and per s | positions of the arm's joints, and their rates |
     | out `pose` | 7 | -, m | quaternion and place of the tip |

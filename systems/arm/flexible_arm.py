@@ -1,77 +1,85 @@
-"""A flexible rod on a base that moves: its tip, and its wrench on the base."""
+"""An arm whose last link is a flexible rod, on a base that moves."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.rod_motion import ClampMotion, RodMotion, Tip
+from parapod.systems.arm.serial_arm import SerialArm, rotated
 from parapod.systems.core import quaternions
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read
+from parapod.systems.core.triples import Vector3, cross, dot, minus, plus, scaled
 from parapod.systems.core.vectors import Axes
 
 _UPWARDS = (0.0, 0.0, GRAVITY)  # specific force of what is at rest [m/s^2]
-_ABSURD = 1e6  # sum of numbers that no base's motion has
 _STILL = (0.0, 0.0, 0.0)
 # Quaternion (w, x, y, z) and place of a base at the world's origin.
 _AT_ORIGIN = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-# Numbers of the state behind those of the modes: pose (7) and velocity (6) of the base at the last
-# update, whether they are known (1), and the motion of the clamp (9) in the last step.
+_ABSURD = 1e6  # sum of numbers that no base's motion has
+# Groups of the discrete state, and numbers of the first behind those of the modes: pose (7) and
+# velocity (6) of the clamp at the last update, whether they are known (1), and its motion (9) in
+# the last step.
+_RODS, _WRENCH, _BENDING = range(3)
 _POSE, _VELOCITY, _IS_KNOWN, _MOTION = slice(0, 7), slice(7, 13), 13, slice(14, 23)
 
 
 class FlexibleArm(LeafSystem):
-    """A rod that bends in two planes while its base moves as something else moves it.
+    """A rod that bends in two planes while platform and joints move its clamp.
 
-    Use it behind any plant that has the same rod as a rigid body, and takes `bending_wrench`
+    Use it behind any plant that has the same rod as a rigid body, and takes `bending_force`
     besides; or beside hardware, where it observes what no sensor on the rod measures.
 
     | port | size | unit | meaning |
     |---|---|---|---|
-    | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the clamp, z along the rod |
+    | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the arm's base |
     | in `base_velocity` | 6 | rad/s, m/s | its velocity, as far as `base_motion` says |
-    | in `base_acceleration` | 6 | rad/s^2, m/s^2 | its acceleration, by `base_motion` too |
+    | in `joint_state` | 2n | rad or m, and per s | positions and rates of the arm's joints |
     | out `tip_pose` | 7 | -, m | quaternion and place of the tip |
     | out `tip_velocity` | 6 | rad/s, m/s | its angular and linear velocity |
-    | out `wrench` | 6 | N m, N | moment about the clamp and force of the rod on its base |
-    | out `bending_wrench` | 6 | N m, N | the same, less that of a rigid rod in the same motion |
-    | out `deflection` | 3 | m | tip from where a rigid rod has it, along the base's axes |
-    | out `modal_state` | 4n | - | coordinates in the planes of x and y, and their rates |
+    | out `deflection` | 3 | m | tip from where a rigid rod has it, by the last link's axes |
+    | out `modal_state` | 4m | - | coordinates in the planes of x and y, and their rates |
+    | out `wrench` | 6 | N m, N | moment about the base and force of the rod, by the base's axes |
+    | out `bending_force` | k | N m, N | generalized force of the bending, k = 6 + n |
 
-    Poses, velocities and wrenches are in the world's axes; angular velocities come before linear
-    ones, and moments before forces, as in Drake; gravity is along -z. The step is that of
-    `RodMotion`: exact for a motion of the base that is constant over it. It takes the acceleration
-    at the step's beginning, or, where that is unknown, the mean one of the step before, by the
-    change of velocities or of poses.
+    The rod is clamped to the last link of an arm, along that link's z axis; without joints to the
+    base itself. Poses and velocities are in the world's axes, where gravity is along -z. Angular
+    velocities come before linear ones, and moments before forces, as in Drake. `bending_force`
+    is what a rod that bends adds to a rigid one in the same motion: along the velocities of the
+    base in the world, and along those of the joints.
 
-    State: discrete, modal coordinates and their rates (4n), pose (7) and velocity (6) of the base
-    at the last update, whether they are known (1), motion of the clamp (9) in the last step;
-    updated every period. It begins at rest, sagging under its weight, on `base_pose`; without one
-    on the first pose that it is shown.
+    The step is that of `RodMotion`: exact for a motion of the clamp that is constant over it. It
+    takes the mean acceleration of the step before, by the change of velocities or of poses.
 
-    Bad input: a pose, velocity or acceleration that is not finite, or absurd, keeps the motion of
-    the step before; pose and velocity of the tip are not finite either.
+    State: discrete, modal coordinates and their rates (4m), pose (7) and velocity (6) of the clamp
+    at the last update, whether they are known (1), its motion (9) in the last step; `wrench` (6);
+    `bending_force` (6 + n); updated every period. It begins at rest, sagging under its weight, on
+    `base_pose` with the joints at zero; without one on the first pose that it is shown.
+
+    Bad input: a pose, velocity or joint that is not finite, or absurd, keeps the motion of the
+    step before; pose and velocity of the tip are not finite either.
     """
 
     def __init__(
         self,
         rod: FlexibleRod = FlexibleRod(),
         period: float = 1e-3,
+        arm: SerialArm = SerialArm(),
         base_pose: ArrayLike | None = None,
-        base_motion: Literal["pose", "velocity", "acceleration"] = "velocity",
+        base_motion: Literal["pose", "velocity"] = "velocity",
     ):
         """Creates the system.
 
         Args:
             rod: the rod.
             period: length of a step [s].
+            arm: the arm, to whose last link the rod is clamped; its links' masses do not count.
             base_pose: pose (7) of the base in a default context; None: unknown.
-            base_motion: last of the inputs that are read: the base's pose alone, or with its
-                velocity, or with that and its acceleration.
+            base_motion: inputs that are read: the base's pose alone, or with its velocity.
 
         Raises:
             ValueError: a rod that buckles under its own weight, or a mode above what the period
@@ -80,130 +88,185 @@ class FlexibleArm(LeafSystem):
         super().__init__()
         self.set_name("flexible_arm")
         self._motion, self._period, self._size = RodMotion(rod, period), period, 4 * rod.modes
+        self._arm, self._has_velocity = arm, base_motion == "velocity"
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
         self._velocity = self.DeclareVectorInputPort("base_velocity", 6)
-        self._acceleration = self.DeclareVectorInputPort("base_acceleration", 6)
-        self._has_velocity = base_motion != "pose"
-        self._has_acceleration = base_motion == "acceleration"
-        pose = _AT_ORIGIN if base_pose is None else np.asarray(base_pose, dtype=float).tolist()
-        rest = self._rest(pose, is_known=base_pose is not None)
-        state = self.discrete_state_ticket(self.DeclareDiscreteState(np.array(rest)))
-        pose_now = {self._pose.ticket()}
-        velocity_now = {self._velocity.ticket()} if self._has_velocity else set()
+        self._joints = self.DeclareVectorInputPort("joint_state", 2 * arm.count)
+        is_known = base_pose is not None
+        pose = np.asarray(base_pose, dtype=float).tolist() if is_known else list(_AT_ORIGIN)
+        groups = self._rest(pose, [0.0] * arm.count, is_known=is_known)
+        state, *forces = (self.DeclareDiscreteState(np.array(group)) for group in groups)
+        rods = {self.discrete_state_ticket(state)}
+        now = rods | {self._pose.ticket(), self._joints.ticket()}
+        moving = now | {self._velocity.ticket()} if self._has_velocity else now
         for name, size, calc, tickets in (
-            ("tip_pose", 7, self._calc_tip_pose, {state} | pose_now),
-            ("tip_velocity", 6, self._calc_tip_velocity, {state} | pose_now | velocity_now),
-            ("wrench", 6, self._calc_wrench, {state}),
-            ("bending_wrench", 6, self._calc_bending_wrench, {state}),
-            ("deflection", 3, self._calc_deflection, {state}),
-            ("modal_state", self._size, self._calc_modal_state, {state}),
+            ("tip_pose", 7, self._calc_tip_pose, now),
+            ("tip_velocity", 6, self._calc_tip_velocity, moving),
+            ("deflection", 3, self._calc_deflection, rods),
+            ("modal_state", self._size, self._calc_modal_state, rods),
         ):
             self.DeclareVectorOutputPort(name, size, calc, tickets)
+        # Copied in C++, as often as a plant steps.
+        for name, index in zip(("wrench", "bending_force"), forces, strict=True):
+            self.DeclareStateOutputPort(name, index)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def set_rest(self, context: Context, base_pose: ArrayLike) -> None:
+    def set_rest(
+        self, context: Context, base_pose: ArrayLike, position: Sequence[float] = ()
+    ) -> None:
         """Puts the rod at rest on a base at rest.
 
         Args:
             context: context of this system.
             base_pose: pose (7) of the base.
+            position: positions (n) of the joints [rad or m]; empty: zero.
         """
         pose = np.asarray(base_pose, dtype=float).tolist()
-        context.SetDiscreteState(np.array(self._rest(pose, is_known=True)))
+        rest = self._rest(pose, list(position) or [0.0] * self._arm.count, is_known=True)
+        for index, group in enumerate(rest):
+            context.SetDiscreteState(index, np.array(group))
 
-    def _rest(self, pose: Sequence[float], is_known: bool) -> list[float]:
-        """State of a rod at rest."""
-        force = Axes.from_quaternion(pose[:4]).components(_UPWARDS)
+    def _rest(
+        self, pose: list[float], position: Sequence[float], is_known: bool
+    ) -> list[list[float]]:
+        """Groups of the state of a rod at rest."""
+        clamp = self._clamp_at(pose, position)
+        force = Axes.from_quaternion(clamp[:4]).components(_UPWARDS)
         modal = self._motion.rest(force)
-        return [*modal, *pose, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL]
+        base = [*clamp, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL]
+        return [modal + base, *self._forces(modal, base, pose, position)]
 
-    def _update(self, context: Context, discrete_state: Any) -> None:
-        state = elements(context.get_discrete_state_vector())
-        modal, base = state[: self._size], state[self._size :]
-        pose = read(self._pose, context)
-        if not base[_IS_KNOWN] > 0.5:
-            if _is_sane(pose):
-                discrete_state.set_value(np.array(self._rest(pose, is_known=True)))
-            return
-        velocity = self._read_velocity(context, base, pose)
-        if self._has_acceleration:
-            acceleration = read(self._acceleration, context)
-        else:
-            pairs = zip(velocity, base[_VELOCITY], strict=True)
-            acceleration = [(now - last) / self._period for now, last in pairs]
-        if _is_sane(pose, velocity, acceleration):
-            axes = Axes.from_quaternion(pose[:4])
-            felt = [a + g for a, g in zip(acceleration[3:], _UPWARDS, strict=True)]
-            parts = map(axes.components, (felt, velocity[:3], acceleration[:3]))
-            base = [*pose, *velocity, 1.0, *(number for part in parts for number in part)]
-        modal = self._motion.step(modal, _motion_in(base))
-        discrete_state.set_value(np.array(modal + base))
+    def _clamp_at(self, pose: Sequence[float], position: Sequence[float]) -> list[float]:
+        """Pose (7) of the clamp in the world."""
+        if not self._arm.count:
+            return list(pose)
+        *quaternion, x, y, z = pose
+        place, rotation = self._arm.link_poses(position)[-1]
+        turned = quaternions.of_axes(list(zip(*rotation, strict=True)))
+        there = Axes.from_quaternion(quaternion).in_world(place)
+        return [*quaternions.product(quaternion, turned), *plus((x, y, z), there)]
 
-    def _read_velocity(
-        self, context: Context, base: list[float], pose: list[float]
+    def _velocity_at(
+        self, pose: list[float], velocity: list[float], joints: list[float]
     ) -> list[float]:
-        """Velocity (6) of the base, by its port or by the change of its pose."""
-        if self._has_velocity:
-            return read(self._velocity, context)
-        last = base[_POSE]
-        turn = quaternions.turn_between(last[:4], pose[:4])
-        way = [now - before for now, before in zip(pose[4:], last[4:], strict=True)]
-        return [change / self._period for change in (*turn, *way)]
+        """Velocity (6) of the clamp in the world."""
+        count = self._arm.count
+        if not count:
+            return velocity
+        axes, links = Axes.from_quaternion(pose[:4]), self._arm.link_poses(joints[:count])
+        clamp = links[-1].place
+        turning, moving = _STILL, _STILL
+        for joint, link, rate in zip(self._arm.joints, links, joints[count:], strict=True):
+            along = rotated(link.rotation, scaled(joint.axis, rate))
+            if joint.kind == "revolute":
+                turning = plus(turning, along)
+                moving = plus(moving, cross(along, minus(clamp, link.place)))
+            else:
+                moving = plus(moving, along)
+        w_x, w_y, w_z, v_x, v_y, v_z = velocity
+        carried = cross((w_x, w_y, w_z), axes.in_world(clamp))
+        angular = plus((w_x, w_y, w_z), axes.in_world(turning))
+        linear = plus(plus((v_x, v_y, v_z), carried), axes.in_world(moving))
+        return [*angular, *linear]
 
-    def _tip(self, context: Context) -> tuple[Tip, list[float]]:
-        """Tip against the clamp, and the numbers of the state behind those of the modes."""
-        state = elements(context.get_discrete_state_vector())
-        base = state[self._size :]
-        return self._motion.tip(state[: self._size], _motion_in(base)), base
+    def _forces(
+        self, modal: list[float], base: list[float], pose: list[float], position: Sequence[float]
+    ) -> tuple[list[float], list[float]]:
+        """Numbers of `wrench` and `bending_force`."""
+        motion, links = _motion_in(base), self._arm.link_poses(position)
+        bending = self._motion.bending_wrench(modal, motion)
+        rigid = self._motion.rigid_wrench(motion)
+        place = _STILL
+        if links:
+            place, rotation = links[-1]
+            bending = rotated(rotation, bending[0]), rotated(rotation, bending[1])
+            rigid = rotated(rotation, rigid[0]), rotated(rotation, rigid[1])
+        moment, force = bending
+        efforts = []
+        for joint, link in zip(self._arm.joints, links, strict=True):
+            axis = rotated(link.rotation, joint.axis)
+            if joint.kind == "revolute":
+                about = plus(moment, cross(minus(place, link.place), force))
+                efforts.append(dot(axis, about))
+            else:
+                efforts.append(dot(axis, force))
+        moment = plus(moment, cross(place, force))
+        axes = Axes.from_quaternion(pose[:4])
+        bent = [*axes.in_world(moment), *axes.in_world(force), *efforts]
+        stiff = plus(rigid[0], cross(place, rigid[1]))
+        return [*plus(moment, stiff), *plus(force, rigid[1])], bent
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        state = elements(context.get_discrete_state(_RODS))
+        modal, base = state[: self._size], state[self._size :]
+        pose, joints = read(self._pose, context), read(self._joints, context)
+        position = joints[: self._arm.count]
+        if not base[_IS_KNOWN] > 0.5:
+            if _is_sane(pose, joints):
+                rest = self._rest(pose, position, is_known=True)
+                for index, group in enumerate(rest):
+                    discrete_state.set_value(index, np.array(group))
+            return
+        velocity = read(self._velocity, context) if self._has_velocity else [0.0] * 6
+        if _is_sane(pose, joints, velocity):
+            clamp, h = self._clamp_at(pose, position), self._period
+            if self._has_velocity:
+                velocity = self._velocity_at(pose, velocity, joints)
+            else:
+                last = base[_POSE]
+                turn = quaternions.turn_between(last[:4], clamp[:4])
+                way = [now - before for now, before in zip(clamp[4:], last[4:], strict=True)]
+                velocity = [change / h for change in (*turn, *way)]
+            gained = zip(velocity, base[_VELOCITY], strict=True)
+            spin_x, spin_y, spin_z, *felt = [(now - last) / h for now, last in gained]
+            felt[2] += GRAVITY
+            axes = Axes.from_quaternion(clamp[:4])
+            parts = map(axes.components, (felt, velocity[:3], (spin_x, spin_y, spin_z)))
+            base = [*clamp, *velocity, 1.0, *(number for part in parts for number in part)]
+            modal = self._motion.step(modal, _motion_in(base))
+            forces = self._forces(modal, base, pose, position)
+            discrete_state.set_value(_WRENCH, np.array(forces[0]))
+            discrete_state.set_value(_BENDING, np.array(forces[1]))
+        else:
+            modal = self._motion.step(modal, _motion_in(base))
+        discrete_state.set_value(_RODS, np.array(modal + base))
+
+    def _tip(self, context: Context) -> tuple[Tip, Vector3, list[float]]:
+        """Tip against a straight rod's, its place from the clamp, and the clamp's pose now."""
+        state = elements(context.get_discrete_state(_RODS))
+        tip = self._motion.tip(state[: self._size], _motion_in(state[self._size :]))
+        position = read(self._joints, context)[: self._arm.count]
+        x, y, z = tip.place
+        place = x, y, z + self._motion.rod.length
+        return tip, place, self._clamp_at(read(self._pose, context), position)
 
     def _calc_tip_pose(self, context: Context, output: BasicVector) -> None:
-        tip, _ = self._tip(context)
-        pose = read(self._pose, context)
-        x, y, z = tip.place
-        axes = Axes.from_quaternion(pose[:4])
-        place = axes.in_world((x, y, z + self._motion.rod.length))
-        turned = quaternions.product(pose[:4], quaternions.of_turn(tip.turn))
-        output.SetFromVector(
-            np.array([*turned, *(p + r for p, r in zip(pose[4:], place, strict=True))])
-        )
+        tip, place, (*quaternion, x, y, z) = self._tip(context)
+        turned = quaternions.product(quaternion, quaternions.of_turn(tip.turn))
+        there = plus((x, y, z), Axes.from_quaternion(quaternion).in_world(place))
+        output.SetFromVector(np.array([*turned, *there]))
 
     def _calc_tip_velocity(self, context: Context, output: BasicVector) -> None:
-        tip, base = self._tip(context)
-        pose = read(self._pose, context)
-        velocity = read(self._velocity, context) if self._has_velocity else base[_VELOCITY]
-        axes = Axes.from_quaternion(pose[:4])
-        x, y, z = tip.place
-        (r_x, r_y, r_z) = axes.in_world((x, y, z + self._motion.rod.length))
-        w_x, w_y, w_z, *linear = velocity
-        carried = (w_y * r_z - w_z * r_y, w_z * r_x - w_x * r_z, w_x * r_y - w_y * r_x)
-        turning, moving = axes.in_world(tip.turning), axes.in_world(tip.velocity)
-        angular = [a + b for a, b in zip((w_x, w_y, w_z), turning, strict=True)]
-        linear = [a + b + c for a, b, c in zip(linear, carried, moving, strict=True)]
-        output.SetFromVector(np.array(angular + linear))
+        tip, place, clamp = self._tip(context)
+        if self._has_velocity:
+            pose, velocity = read(self._pose, context), read(self._velocity, context)
+            velocity = self._velocity_at(pose, velocity, read(self._joints, context))
+        else:
+            velocity = elements(context.get_discrete_state(_RODS))[self._size :][_VELOCITY]
+        axes = Axes.from_quaternion(clamp[:4])
+        w_x, w_y, w_z, v_x, v_y, v_z = velocity
+        turning = w_x, w_y, w_z
+        moving = plus(cross(turning, axes.in_world(place)), axes.in_world(tip.velocity))
+        angular = plus(turning, axes.in_world(tip.turning))
+        output.SetFromVector(np.array([*angular, *plus((v_x, v_y, v_z), moving)]))
 
     def _calc_deflection(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._tip(context)[0].place))
-
-    def _calc_bending_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._wrench(context, is_whole=False)))
-
-    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._wrench(context, is_whole=True)))
-
-    def _wrench(self, context: Context, is_whole: bool) -> list[float]:
-        """Moment and force (6) in the world, with those of a rigid rod or without."""
-        state = elements(context.get_discrete_state_vector())
-        base = state[self._size :]
-        axes, motion = Axes.from_quaternion(base[_POSE][:4]), _motion_in(base)
-        wrench = self._motion.bending_wrench(state[: self._size], motion)
-        parts = [axes.in_world(part) for part in wrench]
-        if is_whole:
-            rigid = [axes.in_world(part) for part in self._motion.rigid_wrench(motion)]
-            return [a + b for i in range(2) for a, b in zip(parts[i], rigid[i], strict=True)]
-        return [*parts[0], *parts[1]]
+        state = elements(context.get_discrete_state(_RODS))
+        tip = self._motion.tip(state[: self._size], _motion_in(state[self._size :]))
+        output.SetFromVector(np.array(tip.place))
 
     def _calc_modal_state(self, context: Context, output: BasicVector) -> None:
-        state = elements(context.get_discrete_state_vector())
+        state = elements(context.get_discrete_state(_RODS))
         output.SetFromVector(np.array(state[: self._size]))
 
 

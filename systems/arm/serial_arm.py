@@ -99,7 +99,7 @@ class ArmJoint:
         """Origin of the frame of its link in that of the link before it [m]."""
         if self.kind == "revolute":
             return self.place
-        return plus(self.place, _times(self.rotation, scaled(self.axis, position)))
+        return plus(self.place, rotated(self.rotation, scaled(self.axis, position)))
 
 
 class LinkPose(NamedTuple):
@@ -176,7 +176,7 @@ class SerialArm:
         ):
             mass += link.mass
             moment = plus(moment, scaled(link.centre, link.mass))
-            moment = _times(joint.rotation_at(q), moment)
+            moment = rotated(joint.rotation_at(q), moment)
             moment = plus(moment, scaled(joint.origin_at(q), mass))
         return moment
 
@@ -197,7 +197,7 @@ class SerialArm:
         poses: list[LinkPose] = []
         place, rotation = _ORIGIN, _SAME
         for joint, q in zip(self.joints, position, strict=True):
-            place = plus(place, _times(rotation, joint.origin_at(q)))
+            place = plus(place, rotated(rotation, joint.origin_at(q)))
             rotation = _product(rotation, joint.rotation_at(q))
             poses.append(LinkPose(place, rotation))
         return poses
@@ -213,7 +213,7 @@ class SerialArm:
     def _tip(self, link: LinkPose) -> LinkPose:
         """Pose of the tip, the last link's being known."""
         rotation = _product(link.rotation, self.tip_rotation)
-        return LinkPose(plus(link.place, _times(link.rotation, self.tip_place)), rotation)
+        return LinkPose(plus(link.place, rotated(link.rotation, self.tip_place)), rotation)
 
     def tip_jacobian(self, position: Sequence[Elementwise]) -> tuple[tuple[Elementwise, ...], ...]:
         """Jacobian (6 x n) of the tip's angular, then translational velocity, by rows.
@@ -229,7 +229,7 @@ class SerialArm:
         tip = self._tip(poses[-1]).place
         columns = []
         for joint, pose in zip(self.joints, poses, strict=True):
-            axis = _times(pose.rotation, joint.axis)
+            axis = rotated(pose.rotation, joint.axis)
             if joint.kind == "revolute":
                 columns.append((*axis, *cross(axis, minus(tip, pose.place))))
             else:
@@ -260,8 +260,8 @@ class SerialArm:
         for joint, link, rotation, origin, v, a in zip(
             self.joints, self.links, rotations, origins, rate, acceleration, strict=True
         ):
-            pull = _transposed_times(rotation, plus(pull, _rigid(spin, bend, origin)))
-            spin, bend = _transposed_times(rotation, spin), _transposed_times(rotation, bend)
+            pull = _turned_back(rotation, plus(pull, _rigid(spin, bend, origin)))
+            spin, bend = _turned_back(rotation, spin), _turned_back(rotation, bend)
             along = scaled(joint.axis, v)
             if joint.kind == "revolute":
                 bend = plus(bend, plus(scaled(joint.axis, a), cross(spin, along)))
@@ -281,7 +281,7 @@ class SerialArm:
         ):
             force, moment = plus(force, load[0]), plus(moment, load[1])
             efforts.append(dot(joint.axis, moment if joint.kind == "revolute" else force))
-            force, moment = _times(rotation, force), _times(rotation, moment)
+            force, moment = rotated(rotation, force), rotated(rotation, moment)
             moment = plus(moment, cross(origin, force))
         return ArmReaction(scaled(force, -1.0), scaled(moment, -1.0), tuple(reversed(efforts)))
 
@@ -297,17 +297,18 @@ def _by_inertia(inertia: tuple[float, ...], vector: Vector3) -> Vector3:
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
-def _times(rotation: Rotation, vector: Vector3) -> Vector3:
+def rotated(rotation: Rotation, vector: Vector3) -> Vector3:
+    """A vector turned by a rotation, which is given by its rows."""
     a, b, c = rotation
     return dot(a, vector), dot(b, vector), dot(c, vector)
 
 
-def _transposed_times(rotation: Rotation, vector: Vector3) -> Vector3:
+def _turned_back(rotation: Rotation, vector: Vector3) -> Vector3:
     (a, b, c), (d, e, f), (g, h, i) = rotation
     x, y, z = vector
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
 def _product(a: Rotation, b: Rotation) -> Rotation:
-    x, y, z = (_times(a, (p, q, r)) for p, q, r in zip(*b, strict=True))
+    x, y, z = (rotated(a, (p, q, r)) for p, q, r in zip(*b, strict=True))
     return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])

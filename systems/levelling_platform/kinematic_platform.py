@@ -19,6 +19,7 @@ from parapod.systems.levelling_platform.inclined_ground import (
 from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
+    Load,
     stand,
     stand_on_feet_and_wheels,
 )
@@ -46,6 +47,7 @@ class KinematicPlatform(OnInclinedGround):
     | in `extension` | 4 | m | actuator extensions |
     | in `velocity` | 4 | m/s | their rates |
     | in `arm_position` | n | rad or m | positions of the arm's joints; unconnected: zero |
+    | in `load` | 6 | N m, N | about F, by the platform's axes, besides weight; unconnected: 0 |
     | out `posture` | 3 | rad, rad, m | roll, pitch, height |
     | out `attitude` | 3 | rad | roll, pitch, yaw (zero) |
     | out `angular_velocity` | 3 | rad/s | of the platform, in its own frame |
@@ -57,6 +59,8 @@ class KinematicPlatform(OnInclinedGround):
     | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position, above the origin |
     | out `stance` | 24 | as these | posture, inertial motion, contact, load, heights of the feet |
 
+    `load` is that of what bends, whose mass the arm of `params` does not have.
+
     Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
     one would have to pull, its foot lifts and the other three carry. With wheels these carry
     where the feet do not. Ideal friction: the feet stay where they stand sideways, and yaw is
@@ -67,7 +71,8 @@ class KinematicPlatform(OnInclinedGround):
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
 
-    Bad input: NaN where an extension cannot be built; with wheels also where it tips over.
+    Bad input: NaN where an extension cannot be built, and where a load lifts it off; with wheels
+    also where it tips over.
     """
 
     def __init__(
@@ -94,10 +99,12 @@ class KinematicPlatform(OnInclinedGround):
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._at_zero = [0.0] * params.arm.count
         self._arm = self.DeclareVectorInputPort("arm_position", params.arm.count)
+        self._load = self.DeclareVectorInputPort("load", 6)
         tickets = {
             self._extension.ticket(),
             self._velocity.ticket(),
             self._arm.ticket(),
+            self._load.ticket(),
             self.all_parameters_ticket(),
         }
         for name, part in STANCE.items():
@@ -126,6 +133,7 @@ class KinematicPlatform(OnInclinedGround):
             self._ground_of(context),
             arm,
             self._offsets_of(context),
+            read(self._load, context) if self._load.HasValue(context) else [],
         )
         output.SetFromVector(stance)
 
@@ -134,9 +142,19 @@ def _solved(
     geometry: PlatformGeometry,
     params: KinematicPlatformParams,
     wheels: WheelGeometry | None,
-    *state: list[float],
+    extension: list[float],
+    velocity: list[float],
+    ground: list[float],
+    arm: list[float],
+    foot_offsets: list[float],
+    wrench: list[float],
 ) -> NDArray[np.float64]:
     """The stance as its port shows it."""
+    load = None
+    if any(wrench):
+        m_x, m_y, m_z, f_x, f_y, f_z = wrench
+        load = Load((m_x, m_y, m_z), (f_x, f_y, f_z))
+    state = extension, velocity, ground, arm, foot_offsets, load
     if wheels is None:
         stance = stand(geometry, params, *state)
     else:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
 from parapod.systems.core.elementwise import Elementwise, sin_cos
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
+from parapod.systems.core.triples import Vector3, cross, dot, minus, plus, scaled
 from parapod.systems.levelling_platform.geometry import ARM_BASE, LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
@@ -95,6 +95,52 @@ class KinematicPlatformParams:
         return scaled(moment, 1.0 / self.total)
 
 
+_ABSURD = 1e7  # force or moment that no platform bears [N, N m]
+
+
+class Load(NamedTuple):
+    """Wrench of something on the platform, in the platform's frame.
+
+    Attributes:
+        moment: moment about the platform's centre F (3) [N m].
+        force: its force (3) [N].
+    """
+
+    moment: Vector3
+    force: Vector3
+
+
+class _Burden(NamedTuple):
+    """Platform and arm, and what acts on them besides."""
+
+    centre: Vector3  # of mass, from F [m]
+    weight: float  # [N]
+    load: Load | None
+
+    def pressure(self, g: Vector3, h: float, up: Vector3) -> tuple[Vector3, float]:
+        """Point of the plane g . x = -h on which all of it presses, and its normal force [N].
+
+        That is where no moment along the plane is left.
+
+        Args:
+            g: unit normal of the plane.
+            h: height of F above it [m].
+            up: vertical.
+        """
+        if self.load is None:
+            upright = dot(g, up)
+            fall = (h + dot(g, self.centre)) / upright
+            return minus(self.centre, scaled(up, fall)), self.weight * upright
+        down = scaled(up, -self.weight)
+        force = plus(down, self.load.force)
+        moment = plus(cross(self.centre, down), self.load.moment)
+        normal = dot(g, force)
+        largest = max(map(abs, (*force, *moment)))
+        if not (normal < 0.0 and largest < _ABSURD):  # it is lifted off, or crushed
+            return (math.nan, math.nan, math.nan), math.nan
+        return scaled(minus(cross(g, moment), scaled(force, h)), 1.0 / normal), -normal
+
+
 class Stance(NamedTuple):
     """Everything that follows from four extensions, their rates, the ground and the arm."""
 
@@ -116,6 +162,7 @@ def stand(
     ground: list[float],
     arm: list[float],
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
+    load: Load | None = None,
 ) -> Stance:
     """The platform at rest on its feet.
 
@@ -127,6 +174,7 @@ def stand(
         ground: (2) roll and pitch of the ground [rad].
         arm: (n) positions of the arm's joints [rad or m].
         foot_offsets: (4) how far each foot stands above the ground's plane [m].
+        load: load on the platform besides its weight and the arm's; None for none.
     """
     motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
     feet, slopes = [foot for foot, _ in motions], [slope for _, slope in motions]
@@ -135,7 +183,8 @@ def stand(
         g = normal_over(feet[:3], foot_offsets[:3])
         feet = [plus(foot, scaled(g, o)) for foot, o in zip(feet, foot_offsets, strict=True)]
     n = normal_of(*ground)
-    shares, normal_weight = _carry(params, feet, n, arm, geometry.foot_radius)
+    burden = _burden(params, arm, load)
+    shares, normal_weight = _carry(params, feet, n, burden, geometry.foot_radius)
     contact = [normal_weight * share for share in shares]
     give = normal_weight / params.foot_stiffness
     sunk = [(x, y, z - give * share) for (x, y, z), share in zip(feet, shares, strict=True)]
@@ -192,36 +241,34 @@ def _carry(
     params: KinematicPlatformParams,
     feet: list[Vector3],
     n: Vector3,
-    arm: list[float],
+    burden: _Burden,
     radius: float,
 ) -> tuple[list[float], float]:
-    """Shares of the weight carried by the four feet, and the weight normal to the ground [N]."""
-    weight = params.total * params.gravity
-    com = params.centre_with(arm)
+    """Shares of the burden carried by the four feet, and its force normal to the ground [N]."""
     weights, excess = mismatch(feet)
     w_1, w_2, w_3, w_4 = weights
     squared = w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + w_4 * w_4
     gap = excess / squared
     (x_1, y_1, z_1), (x_2, y_2, z_2), (x_3, y_3, z_3), _ = feet
     flat = (x_1, y_1, z_1 - w_1 * gap), (x_2, y_2, z_2 - w_2 * gap), (x_3, y_3, z_3 - w_3 * gap)
-    x, y, upright = _pressure_point(com, *flat, n, radius)
+    x, y, normal_force = _pressure_point(burden, *flat, n, radius)
     # Any balanced shares plus a multiple of the dependency balance too; springs that give by
     # force / stiffness are balanced where (weights . force) = stiffness * excess.
     three = _barycentric(feet, (0, 1, 2), x, y)
     s_1, s_2, s_3, _ = three
     balance = w_1 * s_1 + w_2 * s_2 + w_3 * s_3
-    along = (params.foot_stiffness * excess / weight - balance) / squared
+    along = (params.foot_stiffness * excess / burden.weight - balance) / squared
     shares = [s_1 + w_1 * along, s_2 + w_2 * along, s_3 + w_3 * along, w_4 * along]
     if min(shares) >= 0.0:
-        return shares, weight * upright
+        return shares, normal_force
     # One end of the shorter diagonal lifts: the one on the far side of the centre of mass.
     lifted = min(range(LEG_COUNT), key=shares.__getitem__)
     results = []
     for leg in (lifted, (lifted + 2) % LEG_COUNT):
         legs = _OTHERS[leg]
         a, b, c = (feet[i] for i in legs)
-        x, y, upright = _pressure_point(com, a, b, c, n, radius)
-        results.append((_barycentric(feet, legs, x, y), weight * upright))
+        x, y, normal_force = _pressure_point(burden, a, b, c, n, radius)
+        results.append((_barycentric(feet, legs, x, y), normal_force))
     return max(results, key=lambda result: min(result[0]))
 
 
@@ -240,25 +287,26 @@ def _barycentric(feet: list[Vector3], legs: tuple[int, ...], x: float, y: float)
     return shares
 
 
+def _burden(params: KinematicPlatformParams, arm: Sequence[float], load: Load | None) -> _Burden:
+    return _Burden(params.centre_with(arm), params.total * params.gravity, load)
+
+
 def _pressure_point(
-    com: Vector3, p: Vector3, q: Vector3, r: Vector3, n: Vector3, radius: float
+    burden: _Burden, p: Vector3, q: Vector3, r: Vector3, n: Vector3, radius: float
 ) -> tuple[float, float, float]:
-    """Point in which the line of gravity of the centre of mass meets the ground under three feet.
+    """Point on which the burden presses on the ground under three feet.
 
     The ground is below the feet's centres by their radius; the point is given as if seen along
     the ground's normal from the plane of the centres.
 
     Returns:
-        That point (x, y) in the platform's frame [m], and the cosine between the ground's normal
-        and the vertical.
+        That point (x, y) in the platform's frame [m], and the force normal to the ground [N].
     """
     normal, length = normal_through(p, q, r)
-    g_1, g_2, g_3 = g = scaled(normal, 1.0 / length)
-    up_1, up_2, up_3 = upwards_seeing(g, n)
-    # A foot is at -P from F, so the plane is g . x = -g . P.
-    upright = g_1 * up_1 + g_2 * up_2 + g_3 * up_3
-    fall = (dot(g, p) + dot(g, com) + radius) / upright
-    return com[0] - fall * up_1 + radius * g_1, com[1] - fall * up_2 + radius * g_2, upright
+    g = scaled(normal, 1.0 / length)
+    # A foot is at -P from F, so the plane of their centres is g . x = -g . P.
+    point, normal_force = burden.pressure(g, dot(g, p) + radius, upwards_seeing(g, n))
+    return point[0] + radius * g[0], point[1] + radius * g[1], normal_force
 
 
 def _attitude(
@@ -311,6 +359,7 @@ def stand_on_feet_and_wheels(
     ground: list[float],
     arm: list[float],
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
+    load: Load | None = None,
 ) -> Stance:
     """The platform at rest on feet and wheels, each a spring that can only push.
 
@@ -326,8 +375,9 @@ def stand_on_feet_and_wheels(
         ground: (2) roll and pitch of the ground [rad].
         arm: (n) positions of the arm's joints [rad or m].
         foot_offsets: (4) how far each foot stands above the ground's plane [m].
+        load: load on the platform besides its weight and the arm's; None for none.
     """
-    stance = stand(geometry, params, extension, velocity, ground, arm, foot_offsets)
+    stance = stand(geometry, params, extension, velocity, ground, arm, foot_offsets, load)
     if not math.isfinite(stance.posture[2]) or (
         min(stance.contact_force) >= 0.0 and _clearance(wheels, stance) > 0.0
     ):
@@ -346,9 +396,8 @@ def stand_on_feet_and_wheels(
         for axle in wheels.axles
     ]
     n = normal_of(*ground)
-    com = params.centre_with(arm)
-    weight = params.total * params.gravity
-    footing = _balance(supports, com, weight, n, wheels.standing_height)
+    burden = _burden(params, arm, load)
+    footing = _balance(supports, burden, n, wheels.standing_height)
     if footing is None:
         three, four = [math.nan] * 3, [math.nan] * LEG_COUNT
         return Stance(three, three, three, three, four, four, four, three)
@@ -375,7 +424,7 @@ class _Footing(NamedTuple):
 
 
 def _balance(
-    supports: list[_Support], com: Vector3, weight: float, n: Vector3, height: float
+    supports: list[_Support], burden: _Burden, n: Vector3, height: float
 ) -> _Footing | None:
     """The plane on which forces and moments balance; None where the platform tips over.
 
@@ -386,7 +435,7 @@ def _balance(
     stiffness = [s.stiffness for s in supports]
     enough = _BALANCED + _ROUNDED * sum(stiffness)
     # All wheels carry at first.
-    footing = _footing(supports, (0.0, 0.0, 1.0), height - _PRESSED, com, weight, n)
+    footing = _footing(supports, (0.0, 0.0, 1.0), height - _PRESSED, burden, n)
     for _ in range(_MOST_STEPS):
         if max(map(abs, footing.left)) < enough:
             return footing
@@ -399,19 +448,15 @@ def _balance(
         g, h = _moved(footing, shortened)
         if not g[2] > _UPRIGHT:
             return None
-        footing = _footing(supports, g, h, com, weight, n)
+        footing = _footing(supports, g, h, burden, n)
     return None
 
 
 def _footing(
-    supports: list[_Support], g: Vector3, h: float, com: Vector3, weight: float, n: Vector3
+    supports: list[_Support], g: Vector3, h: float, burden: _Burden, n: Vector3
 ) -> _Footing:
-    down = scaled(upwards(*attitude_seeing(g, n)), -1.0)
-    upright = -dot(g, down)
-    # Gravity's line through the centre of mass meets the plane here.
-    fall = (h + dot(g, com)) / upright
-    load = weight * upright
-    left_x, left_y = -load * (com[0] + fall * down[0]), -load * (com[1] + fall * down[1])
+    point, load = burden.pressure(g, h, upwards(*attitude_seeing(g, n)))
+    left_x, left_y = -load * point[0], -load * point[1]
     points, depths, forces = [], [], []
     gx, gy, gz = g
     for (x, y, z), _, reach, stiffness in supports:

@@ -47,6 +47,7 @@ from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGe
 from parapod.systems.levelling_platform.inclination_loop import PostureLoopParams
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.scripts import Step, Waypoint
+from parapod.systems.levelling_platform.statics import PAPER_ARM
 from parapod.systems.levelling_platform.supervisor import Command, Phase
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -123,6 +124,7 @@ NAMED = {
     around(5.0, 5.0): "contact_force",
     around(0.0, 20.0): "swing_torque",
     around(0.0, 300.0): "load_force",
+    around(0.0, 5.0): "load",
     pose: "base_pose body_pose",
     pushing: "voltage",
 }
@@ -432,11 +434,23 @@ ENTRIES: dict[str, Entry] = {
         },
         limits={"torque_command": FORCE_LIMIT},
     ),
+    "ArmTip": Entry(
+        lambda: {"arm": PAPER_ARM},
+        inputs={
+            "platform_pose": pose,
+            "platform_velocity": around(0.0, 0.2),
+            "arm_state": around(0.0, 0.2),
+        },
+        passes={"outputs are not finite": "pose velocity"},
+    ),
     "FlexibleArm": Entry(
         # So slow that any period carries it.
-        lambda: {"rod": FlexibleRod(bending_stiffness=(200.0, 150.0), modes=1)},
-        variants=({"base_motion": "pose"}, {"base_motion": "acceleration", "base_pose": UPRIGHT}),
-        inputs={"base_velocity": around(0.0, 0.2), "base_acceleration": around(0.0, 1.0)},
+        lambda: {
+            "rod": FlexibleRod(bending_stiffness=(200.0, 150.0), modes=1),
+            "arm": PAPER_ARM,
+        },
+        variants=({"base_motion": "pose"}, {"base_pose": UPRIGHT}),
+        inputs={"base_velocity": around(0.0, 0.2), "joint_state": around(0.0, 0.2)},
         passes={"tip are not finite": "tip_pose tip_velocity"},
         shares=True,
     ),

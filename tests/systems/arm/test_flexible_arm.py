@@ -12,10 +12,14 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.arm.flexible_rod import FlexibleRod
+from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
 from parapod.systems.core.physics import GRAVITY
 
 ROD = FlexibleRod(damping_ratio=0.0)
-OUTPUTS = ("tip_pose", "tip_velocity", "wrench", "bending_wrench", "deflection", "modal_state")
+OUTPUTS = ("tip_pose", "tip_velocity", "wrench", "bending_force", "deflection", "modal_state")
+SWING = SerialArm(
+    (ArmJoint("turn", (0.1, 0.2, 0.3)), ArmJoint("swing", axis=(0.0, 1.0, 0.0))), (ArmLink(),) * 2
+)
 MASS = ROD.mass + ROD.tip_mass
 CENTRE = (0.5 * ROD.mass + ROD.tip_mass) * ROD.length / MASS
 
@@ -30,21 +34,30 @@ def transform(pose):
 
 
 class Leaning(LeafSystem):
-    """A base that leans by a smooth motion, from upright to 45 deg in a second."""
+    """A base, or a joint on it, that leans smoothly from upright to 45 deg in a second."""
 
-    def __init__(self, ports):
+    def __init__(self, has_joints):
         super().__init__()
-        for name, size, calc in (
-            ("base_pose", 7, lambda t: pose_of(pitch=self.motion(t)[0], place=(0.3, 0, 1))),
-            ("base_velocity", 6, lambda t: [0, self.motion(t)[1], 0, 0, 0, 0]),
-            ("base_acceleration", 6, lambda t: [0, self.motion(t)[2], 0, 0, 0, 0]),
-        ):
-            if name in ports:
+        place = (0.3, 0.0, 1.0)
+        below = np.subtract(place, SWING.joints[0].place)
+        signals = {
+            "base_pose": lambda t: pose_of(pitch=self.motion(t)[0], place=place),
+            "base_velocity": lambda t: [0, self.motion(t)[1], 0, 0, 0, 0],
+            "joint_state": lambda t: [],
+        }
+        if has_joints:
+            signals = {
+                "base_pose": lambda t: pose_of(place=below),
+                "base_velocity": lambda t: [0] * 6,
+                "joint_state": lambda t: [0, self.motion(t)[0], 0, self.motion(t)[1]],
+            }
+        for name, calc in signals.items():
 
-                def show(context, output, calc=calc):
-                    output.SetFromVector(np.array(calc(context.get_time())))
+            def show(context, output, calc=calc):
+                output.SetFromVector(np.array(calc(context.get_time()), dtype=float))
 
-                self.DeclareVectorOutputPort(name, BasicVector(size), show, {self.time_ticket()})
+            size = BasicVector(len(calc(0.0)))
+            self.DeclareVectorOutputPort(name, size, show, {self.time_ticket()})
 
     @staticmethod
     def motion(t):
@@ -59,17 +72,21 @@ class Leaning(LeafSystem):
         )
 
 
-def lean(period, ports=("base_pose", "base_velocity", "base_acceleration"), end=2.0):
-    """Outputs by name (n, size) at multiples of 20 ms, of a rod whose base leans."""
+def lean(period, has_velocity=True, has_joints=False):
+    """Outputs by name (n, size) at multiples of 20 ms, of a rod whose clamp leans."""
     builder = DiagramBuilder()
-    base = builder.AddSystem(Leaning(ports))
-    begins, last = pose_of(place=(0.3, 0, 1)), ports[-1].removeprefix("base_")
-    arm = builder.AddSystem(FlexibleArm(ROD, period, begins, last))
-    for name in ports:
+    base = builder.AddSystem(Leaning(has_joints))
+    chain, begins = SerialArm(), pose_of(place=(0.3, 0.0, 1.0))
+    if has_joints:
+        chain, begins = SWING, pose_of(place=np.subtract(begins[4:], SWING.joints[0].place))
+    motion = "velocity" if has_velocity else "pose"
+    arm = builder.AddSystem(FlexibleArm(ROD, period, chain, begins, motion))
+    for i in range(base.num_output_ports()):
+        name = base.get_output_port(i).get_name()
         builder.Connect(base.GetOutputPort(name), arm.GetInputPort(name))
     logs = {n: LogVectorOutput(arm.GetOutputPort(n), builder, 0.02) for n in OUTPUTS}
     simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(end)
+    simulator.AdvanceTo(2.0)
     return {n: log.FindLog(simulator.get_context()).data().T for n, log in logs.items()}
 
 
@@ -77,6 +94,7 @@ def alone(base_motion="pose", **inputs):
     """An arm without a diagram, its context, a function that ticks it and one that reads it."""
     arm = FlexibleArm(FlexibleRod(), base_motion=base_motion)
     context = arm.CreateDefaultContext()
+    arm.GetInputPort("joint_state").FixValue(context, [])
 
     def tick(times=1, **inputs):
         for name, value in inputs.items():
@@ -117,10 +135,11 @@ def test_wrench_at_rest_is_the_weight_at_its_bent_place():
     pose = pose_of(pitch=0.5 * math.pi)  # horizontal, forward
     _, _, tick, show = alone(base_pose=pose)
     tick()
-    moment, force = np.split(show("wrench"), 2)
+    rotation = transform(pose).rotation()
+    moment, force = (rotation @ part for part in np.split(show("wrench"), 2))
     np.testing.assert_allclose(force, [0.0, 0.0, -MASS * GRAVITY], atol=1e-9)
     assert moment[1] == pytest.approx(MASS * GRAVITY * CENTRE, rel=1e-3)
-    bent, no_force = np.split(show("bending_wrench"), 2)
+    bent, no_force = np.split(show("bending_force"), 2)
     np.testing.assert_allclose(no_force, 0.0, atol=1e-9)
     # Sideways nothing turns it; the sag moves the weight along the line of gravity only.
     np.testing.assert_allclose(bent, 0.0, atol=1e-9)
@@ -133,22 +152,45 @@ def test_put_at_rest_it_is_as_at_the_first_pose():
     arm = FlexibleArm(FlexibleRod())
     context = arm.CreateDefaultContext()
     arm.set_rest(context, pose)
-    for name in ("deflection", "wrench", "modal_state"):
+    for name in ("deflection", "wrench", "bending_force", "modal_state"):
         there = arm.GetOutputPort(name).Eval(context)
         np.testing.assert_allclose(there, show(name), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "ports", [("base_pose",), ("base_pose", "base_velocity"), lean.__defaults__[0]]
-)
-def test_error_halves_with_the_period(ports):
+@pytest.mark.parametrize("has_velocity", [True, False])
+def test_error_halves_with_the_period(has_velocity):
     exact = lean(1e-4)
-    for name, size in (("deflection", 0.15), ("wrench", 20.0)):
+    for name, size in (("deflection", 0.15), ("wrench", 20.0), ("bending_force", 20.0)):
         coarse, fine = (
-            np.abs(lean(period, ports)[name] - exact[name])[5:].max() for period in (4e-3, 2e-3)
+            np.abs(lean(period, has_velocity)[name] - exact[name])[5:].max()
+            for period in (4e-3, 2e-3)
         )
         assert coarse < 0.12 * size
         assert coarse / fine == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.parametrize("has_velocity", [True, False])
+def test_clamp_that_a_joint_moves_is_as_one_that_the_base_moves(has_velocity):
+    by_base, by_joint = (lean(1e-3, has_velocity, joints) for joints in (False, True))
+    for name in ("tip_pose", "tip_velocity", "deflection", "modal_state"):
+        np.testing.assert_allclose(by_joint[name], by_base[name], atol=1e-9)
+    place = np.array(SWING.joints[0].place)
+    moment, force, efforts = np.split(by_joint["bending_force"], [3, 6], axis=1)
+    moment_there, force_there = np.split(by_base["bending_force"], 2, axis=1)
+    np.testing.assert_allclose(force, force_there, atol=1e-9)
+    np.testing.assert_allclose(moment, moment_there + np.cross(place, force), atol=1e-9)
+    np.testing.assert_allclose(efforts, moment_there[:, [2, 1]], atol=1e-9)
+    # The joint's base does not lean: its axes are the world's.
+    lean_angles = np.array([Leaning.motion(t)[0] for t in 0.02 * np.arange(len(force))])
+    turn = [RollPitchYaw(0.0, a, 0.0).ToRotationMatrix().matrix() for a in lean_angles]
+    moment, force = np.split(by_joint["wrench"], 2, axis=1)
+    moment_there, force_there = np.split(by_base["wrench"], 2, axis=1)
+    at_rest = len(force) // 2 + 1
+    force_there = np.einsum("nij,nj->ni", turn, force_there)[at_rest:]
+    moment_there = np.einsum("nij,nj->ni", turn, moment_there)[at_rest:]
+    np.testing.assert_allclose(force[at_rest:], force_there, atol=1e-9)
+    expected = moment_there + np.cross(place, force_there)
+    np.testing.assert_allclose(moment[at_rest:], expected, atol=1e-9)
 
 
 def test_vibration_after_a_swing_is_that_of_an_oscillator():
@@ -185,7 +227,8 @@ def test_input_that_is_not_finite_keeps_the_motion():
         np.testing.assert_allclose(show("modal_state"), rest, atol=1e-9)
     tick(3, base_pose=pose, base_velocity=[math.nan] * 6)
     assert np.isfinite(show("wrench")).all()
-    assert np.isfinite(context.get_discrete_state_vector().value()).all()
+    groups = (context.get_discrete_state(i).value() for i in range(3))
+    assert all(np.isfinite(group).all() for group in groups)
 
 
 def test_mode_that_the_period_cannot_carry_is_refused():

@@ -298,3 +298,59 @@ def test_stance_shows_what_the_other_ports_show(stand):
     shown = np.concatenate([platform[name] for name in names])
     np.testing.assert_array_equal(platform["stance"], shown)
     assert np.count_nonzero(shown) > 15
+
+
+# Loads
+
+
+def test_a_weight_that_acts_as_a_load_is_as_one_of_the_platform(stand):
+    for posture, ground, arm, extension in cases(10, seed=5):
+        whole = stand(extension, arm=arm, ground=ground)
+        # The arm's weight, at its centre of mass, from a platform whose arm weighs nothing.
+        bare = replace(STIFF, arm=rod_arm(mass=0.0))
+        rotation_of_gravity = rotation(whole["attitude"]).T @ [0.0, 0.0, -PARAMS.gravity]
+        rod = PARAMS.arm.links[1]
+        moment = np.array(PARAMS.arm.first_moment(arm.tolist()))
+        load = [*np.cross(moment, rotation_of_gravity), *(rod.mass * rotation_of_gravity)]
+        platform = KinematicPlatform(POINT, bare)
+        context = platform.CreateDefaultContext()
+        platform.set_ground(context, ground)
+        for name, value in (
+            *(("extension", extension), ("velocity", [0.0] * 4), ("arm_position", arm)),
+            ("load", load),
+        ):
+            platform.GetInputPort(name).FixValue(context, value)
+        for name in ("posture", "contact_force", "load_force"):
+            there = platform.GetOutputPort(name).Eval(context)
+            np.testing.assert_allclose(there, whole[name], rtol=1e-6, atol=1e-6)
+        assert np.isfinite(posture).all()
+
+
+def test_sideways_load_moves_the_forces_by_its_moment_about_the_ground(stand):
+    centred = replace(STIFF, arm=CENTRED)
+    extension, push = [0.405] * 4, 20.0
+    platform = KinematicPlatform(POINT, centred)
+    context = platform.CreateDefaultContext()
+    for name, value in (
+        *(("extension", extension), ("velocity", [0.0] * 4), ("arm_position", UPRIGHT)),
+        ("load", [0.0, 0.0, 0.0, push, 0.0, 0.0]),
+    ):
+        platform.GetInputPort(name).FixValue(context, value)
+    forces = platform.GetOutputPort("contact_force").Eval(context)
+    height = platform.GetOutputPort("posture").Eval(context)[2]
+    feet = feet_of(extension)
+    assert forces.sum() == pytest.approx(WEIGHT, rel=1e-9)
+    assert feet[:, 0] @ forces == pytest.approx(push * height, rel=1e-6)
+    assert feet[:, 1] @ forces == pytest.approx(0.0, abs=1e-6)
+
+
+def test_load_that_lifts_it_off_leaves_nothing_known():
+    platform = KinematicPlatform(POINT, STIFF)
+    context = platform.CreateDefaultContext()
+    for name, value in (
+        ("extension", [0.405] * 4),
+        ("velocity", [0.0] * 4),
+        ("load", [0.0, 0.0, 0.0, 0.0, 0.0, 600.0]),
+    ):
+        platform.GetInputPort(name).FixValue(context, value)
+    assert np.isnan(platform.GetOutputPort("contact_force").Eval(context)).all()
