@@ -11,6 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, PassThr
 
 from parapod.diagrams.ports import Behind, Port
 from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.position_drive import PositionDrive
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.core.errors import WiringError
@@ -73,10 +74,10 @@ class Simulation[S, B]:
             raise WiringError("no plant stands behind the ports of a mock")
         return self._plant
 
-    def add_drives[D: (VelocityServo, PositionServo)](
+    def add_drives[D: (VelocityServo, PositionServo, PositionDrive)](
         self, drives: D, part: str, put: Callable[[D, Context, B], None] | None = None
     ) -> D:
-        """Adds drives with `position_command` or `velocity_command`, `brake` and encoders.
+        """Adds drives with `position_command` or `velocity_command`, `brake`, and encoders.
 
         Args:
             drives: the drives.

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Demultiplexer, MatrixGain
+from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.wiring import named, wired
@@ -57,15 +57,16 @@ _SUPERVISED = {
     "legs_stop": "legs.stop",
     "age": "status.age",
     "emergency_stop": "legs.emergency_stop",
+    "arm_command": "arm.position_command",
     "margin": "stability_margin",
     "margin_requested": "arm_margin",
     "refused": "arm_refused",
 }
 _SUPERVISED_SHOWN = (
     *("wheels.velocity_command", "wheels.brake", "legs.stop", "phase", "refusal"),
-    *("findings", "severity", "turntable.position_command", "arm.position_command"),
-    *("arm_command", "stability_margin", "arm_margin", "arm_refused"),
+    *("findings", "severity", "stability_margin"),
 )
+_ARM_SHOWN = ("arm.position_command", "arm_margin", "arm_refused")
 
 type Wired = tuple[System, Mapping[str, str]]
 
@@ -230,13 +231,12 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     Inputs: `legs.extension` (4), `legs.limits` (12), `imu.gyro` (3), `imu.accel` (3),
     `legs.emergency_stop` (1), `wheels.velocity` (4) and `status.age` (4), as the station has
     them; from the operator `operator` (1), `drive_request` (2: forward speed, yaw rate),
-    `posture_request` (3), `arm_request` (2); and where a person operates, `jog_request` (4: rates
-    of legs) and `operator_age` (1: time since the person was heard).
+    `posture_request` (3), `arm_request` (n) of an arm; and where a person operates,
+    `jog_request` (4: rates of legs) and `operator_age` (1: time since the person was heard).
     Outputs: `legs.voltage` (4), `legs.stop` (1), `wheels.velocity_command` (4), `wheels.brake`
-    (1), `turntable.position_command` (1), `arm.position_command` (1), `arm_command` (2: both);
-    `findings` (18), `severity` (1); `phase` (1),
-    `refusal` (2), `arm_refused` (1), `arm_margin` (1: along the move asked for),
-    `stability_margin` (1: now), and what `add_posture_chain` and `add_position_control` export.
+    (1), `findings` (18), `severity` (1); `phase` (1), `refusal` (2), `stability_margin` (1: now);
+    of an arm `arm.position_command` (n), `arm_refused` (1), `arm_margin` (1: along the move asked
+    for); and what the posture chain exports.
 
     Args:
         scenario: its `control` part is used.
@@ -254,7 +254,6 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
         "extension_trimmed_state": "posture_extension_state",
         "enable": "posture_control",
     }
-    arm = {"y0": "turntable.position_command", "y1": "arm.position_command"}
     systems = [
         *chain,
         (supervisor, {"drive_request": "wheel_request"}),
@@ -267,8 +266,8 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
         ),
         FaultDetector(geometry, machine.fault_detector, period),
         (StabilityMonitor(geometry, limits, period=period), {"enable": "arm_enable"}),
-        (named("arm_command_parts", Demultiplexer(2)), {"u0": "arm_command", **arm}),
     ]
     unused = () if is_operated else ("jog_request", "operator_age")
-    outputs = (*_SHOWN, *_SUPERVISED_SHOWN)
+    arm = _ARM_SHOWN if machine.masses.arm.count else ()
+    outputs = (*_SHOWN, *_SUPERVISED_SHOWN, *arm)
     return wired("controller", systems, outputs, names | _SUPERVISED, unused)

@@ -47,20 +47,34 @@ def make_script(scenario: LevellingScenario) -> PostureScript:
 
 
 def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
-    """The trigger of the levelling and the arm's swing."""
+    """The trigger of the levelling, and the arm's swing where there is an arm."""
     job = scenario.job
     trigger = PiecewisePolynomial.ZeroOrderHold(
         [0.0, job.estimate_at, job.estimate_at + 1e6], [[0.0, 1.0, 1.0]]
     )
-    start = job.estimate_at + job.arm.start
-    angle = math.radians(job.arm.angle_deg)
-    # At rest before and after the swing; a cubic in between.
-    knots = [0.0, start, start + job.arm.duration, start + job.arm.duration + 1e6]
-    arm = PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], [[0.0] * 4])
-    return (
-        named_source("estimate_ground", trigger),
-        named_source("arm.position_command", arm),
-    )
+    arm, sources = scenario.machine.masses.arm, [named_source("estimate_ground", trigger)]
+    if arm.count:
+        goal = arm.leaning(math.radians(job.arm.angle_deg))
+        start = job.estimate_at + job.arm.start
+        swing = swing_to(goal, start, job.arm.duration, start + job.arm.duration + 1e6)
+        sources.append(named_source("arm.position_command", swing))
+    return sources
+
+
+def swing_to(
+    goal: Sequence[float], start: float, duration: float, end: float
+) -> PiecewisePolynomial:
+    """Positions (n) of an arm's joints: from zero to a goal along cubics, at rest else.
+
+    Args:
+        goal: positions (n) after the swing [rad or m].
+        start: beginning of the swing [s].
+        duration: its duration [s].
+        end: end of the trajectory, after the swing [s].
+    """
+    knots = [0.0, start, start + duration, end]
+    positions = [[0.0, 0.0, position, position] for position in goal]
+    return PiecewisePolynomial.CubicHermite(knots, positions, [[0.0] * 4] * len(goal))
 
 
 def _resets(scenario: LevellingScenario) -> tuple[str, ...]:
@@ -92,7 +106,7 @@ def _limits(scenario: LevellingScenario) -> Limits:
 def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
     """Parts of a real one, and the size of faults."""
     machine = scenario.machine
-    ports = make_ports(machine.actuators.params, machine.level_heights)
+    ports = make_ports(machine.actuators.params, machine.level_heights, machine.masses.arm)
     return {"ports": ports, "real": make_real(scenario)}
 
 

@@ -521,7 +521,7 @@ def add_drawing(
     meshcat: Meshcat | None,
     extension: OutputPort,
     base_pose: OutputPort,
-    arm_position: OutputPort,
+    arm_position: OutputPort | None,
     *,
     geometry: PlatformGeometry,
     structure: PlatformStructure,
@@ -535,7 +535,7 @@ def add_drawing(
         meshcat: scene in which to draw; None: poses are all that is asked for.
         extension: extensions (4) [m].
         base_pose: quaternion and position (7) of the platform.
-        arm_position: turntable and arm angle (2) [rad].
+        arm_position: positions of the arm's joints (n) [rad or m]; None: there is no arm.
         geometry: dimensions of its legs.
         structure: its other parts.
         path: its path in the scene.
@@ -547,6 +547,8 @@ def add_drawing(
         models.append(model)
         return PlatformPose(model)
 
-    signals = {"extension": extension, "base_pose": base_pose, "arm_position": arm_position}
+    signals = {"extension": extension, "base_pose": base_pose}
+    if arm_position is not None:
+        signals["arm_position"] = arm_position
     scene_graph, positions = draw_model(builder, path, add_model, signals)
     add_visualization(builder, models[0], positions, scene_graph, meshcat, path)

@@ -90,7 +90,9 @@ def _drive(
     parts = add(builder, Demultiplexer([LEG_COUNT, holding.size() - LEG_COUNT]), "efforts")
     connect(builder, holding, parts.get_input_port(0))
     legs, load_force = led_legs(builder, model, drives, parts.get_output_port(0))
-    driven_parts = [legs, drives.arm]
+    driven_parts = [legs]
+    if drives.arm is not None:
+        driven_parts.append(drives.arm.GetOutputPort("state"))
     if model.has_rolling_wheels:
         driven_parts.append(drives.wheels)
     desired = add(builder, Multiplexer([port.size() for port in driven_parts]), "desired_state")

@@ -15,8 +15,6 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     DiscreteTimeDelay,
     MatrixGain,
-    Multiplexer,
-    StateInterpolatorWithDiscreteDerivative,
     ZeroOrderHold,
 )
 
@@ -34,6 +32,7 @@ from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
+from parapod.systems.actuators.position_drive import PositionDrive, PositionDriveParams
 from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
@@ -63,14 +62,12 @@ class Drives:
     Attributes:
         rods: outputs `extension`, `velocity`, `next_state` of the linear actuators.
         wheels: angles and velocities (8) that the wheels are held to.
-        arm: angles and velocities (4) of turntable and arm.
-        arm_angles: angles (2) of turntable and arm.
+        arm: drives of the arm's joints; None: there is no arm.
     """
 
     rods: LeafSystem
     wheels: OutputPort
-    arm: OutputPort
-    arm_angles: OutputPort
+    arm: PositionDrive | None
 
 
 type PlantMaker = Callable[
@@ -101,7 +98,9 @@ def add_multibody_plant(
         scenario.machine.structure,
     )
     plant.SetDefaultPositions(beginning.positions(model))
-    connect(builder, drives.arm, plant.get_desired_state_input_port(model.arm))
+    if drives.arm is not None:
+        arm = drives.arm.GetOutputPort("state")
+        connect(builder, arm, plant.get_desired_state_input_port(model.arm))
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
@@ -190,21 +189,23 @@ def draw_as_full(
     """
     plant = model.plant
     start = model.base.floating_positions_start()
-    joints = [plant.get_joint(i) for i in plant.GetJointIndices(model.arm)]
-    starts = [joint.position_start() for joint in joints if joint.num_positions()]
-    parts = []
+    starts = [joint.position_start() for joint in model.arm_joints]
+    parts: dict[str, OutputPort] = {}
     for name, indices in (("base_pose", range(start, start + 7)), ("arm_position", starts)):
+        if not indices:
+            continue
         selection = np.eye(plant.num_multibody_states())[list(indices)]
         part = add(builder, MatrixGain(selection), f"drawn_{name}")
         connect(builder, state, part.get_input_port())
-        parts.append(part.get_output_port())
+        parts[name] = part.get_output_port()
     rods = drives.rods.GetOutputPort("extension")
     add_drawing(
         builder,
         scenario.ground.inclination,
         meshcat,
         rods,
-        *parts,
+        parts["base_pose"],
+        parts.get("arm_position"),
         geometry=scenario.machine.geometry,
         structure=scenario.machine.structure,
     )
@@ -304,7 +305,9 @@ def add_kinematic_plant(
     platform = add(builder, statics)
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
-    connect(builder, drives.arm_angles, platform.GetInputPort("arm_position"))
+    if drives.arm is not None:
+        arm = drives.arm.GetOutputPort("position")
+        connect(builder, arm, platform.GetInputPort("arm_position"))
     stance = add(builder, Demultiplexer([3, 9, 4, 4, 4]), "stance_parts")
     connect(builder, platform.GetOutputPort("stance"), stance.get_input_port(0))
     names = ("posture", "inertial_motion", "contact_force", "load_force", "foot_height")
@@ -332,7 +335,7 @@ def add_kinematic_plant(
             meshcat,
             drives.rods.GetOutputPort("extension"),
             platform.GetOutputPort("base_pose"),
-            drives.arm_angles,
+            drives.arm.GetOutputPort("position") if drives.arm is not None else None,
             geometry=scenario.machine.geometry,
             structure=scenario.machine.structure,
         )
@@ -361,17 +364,8 @@ def add_simulated(
     actuators = _add_actuators(simulation, scenario.machine.actuators.params, step)
     drive = scenario.machine.wheels.drive
     wheels = simulation.add_drives(VelocityServo(drive, WHEEL_COUNT, period), "wheels")
-    arm = add(builder, Multiplexer(2), "arm_command")
-    for i, part in enumerate(("turntable", "arm")):
-        simulation.inputs[f"{part}.position_command"] = arm.get_input_port(i)
-    arm_drive = add(builder, StateInterpolatorWithDiscreteDerivative(2, period), "arm_drive")
-    connect(builder, arm.get_output_port(), arm_drive.get_input_port())
-    drives = Drives(
-        rods=actuators,
-        wheels=wheels.GetOutputPort("state"),
-        arm=arm_drive.get_output_port(),
-        arm_angles=arm.get_output_port(),
-    )
+    arm = _add_arm(simulation, scenario)
+    drives = Drives(rods=actuators, wheels=wheels.GetOutputPort("state"), arm=arm)
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
     simulation.add_plant(plant, _HIDDEN)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
@@ -400,6 +394,16 @@ def _add_actuators(
 
     simulation.on_put(put)
     return actuators
+
+
+def _add_arm[B](
+    simulation: Simulation[LevellingScenario, B], scenario: LevellingScenario
+) -> PositionDrive | None:
+    """Adds the drives of the arm's joints, if there is an arm."""
+    drives = [PositionDriveParams()] * scenario.machine.masses.arm.count
+    if not drives:
+        return None
+    return simulation.add_drives(PositionDrive(drives, scenario.control.period), "arm")
 
 
 def _add_leg_sensors(
@@ -488,6 +492,7 @@ def mirror(
     mock.on_put(put)
     # Without lag and counts; as fast as the real ones.
     mock.add_drives(VelocityServo(machine.wheels.drive.exact(), WHEEL_COUNT, period), "wheels")
+    _add_arm(mock, scenario)
     platform = add(builder, KinematicPlatform(machine.geometry, machine.masses))
     for name in ("extension", "velocity"):
         mock.outputs[f"legs.{name}"] = actuators.GetOutputPort(name)

@@ -4,6 +4,8 @@ import math
 
 from parapod.diagrams.ports import In, Inner, Out, Port, Span, Truth
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
+from parapod.systems.arm.serial_arm import SerialArm
+from parapod.systems.levelling_platform.statics import PAPER_ARM
 from parapod.systems.levelling_platform.supervisor import Phase
 from parapod.systems.sensors.imu import ImuParams
 
@@ -17,12 +19,15 @@ _LENGTHS = "m, m, m, m, m/s, m/s, m/s, m/s"
 _BEYOND = 0.01
 
 
-def make_ports(actuator: LinearActuatorParams, heights: tuple[float, float]) -> tuple[Port, ...]:
+def make_ports(
+    actuator: LinearActuatorParams, heights: tuple[float, float], arm: SerialArm
+) -> tuple[Port, ...]:
     """Signals of a platform.
 
     Args:
         actuator: its actuators, by which faults are sized.
         heights: its lowest and highest level posture [m].
+        arm: its arm; one without joints has no ports.
     """
     supply = actuator.supply_voltage
     low, high = round(heights[0] - _BEYOND, 2), round(heights[1] + _BEYOND, 2)
@@ -92,8 +97,7 @@ def make_ports(actuator: LinearActuatorParams, heights: tuple[float, float]) -> 
         In("legs.stop", 1, "-", "above 0.5: the drives' supply is cut"),
         In("wheels.velocity_command", 4, "rad/s", "wheel velocities"),
         In("wheels.brake", 1, "-", "above 0.5: wheels stop and hold", idle=1.0),
-        In("arm.position_command", 1, "rad", "arm angle, 0 upright, positive forward"),
-        In("turntable.position_command", 1, "rad", "angle of the arm's base"),
+        *(_arm_ports(arm) if arm.count else ()),
         Truth(
             *("posture", 3, "rad, rad, m", "roll, pitch, height above the ground's plane"),
             elements=_POSTURE,
@@ -122,7 +126,6 @@ def make_ports(actuator: LinearActuatorParams, heights: tuple[float, float]) -> 
             faults=[postures],
             elements=_POSTURE,
         ),
-        Inner("arm_request", "rad", "angles of turntable and arm that the operator asks for"),
         Inner("jog_request", "m/s", "rates of single legs that the operator asks for"),
         Inner("operator_age", "s", "time since the operator was heard"),
         Inner("steps_done", "-", "number of the operator's steps that have been done"),
@@ -153,11 +156,35 @@ def make_ports(actuator: LinearActuatorParams, heights: tuple[float, float]) -> 
         Inner("findings", "0/1", "findings of the fault detector"),
         Inner("severity", "-", "gravest finding"),
         Inner("refusal", "-", "reason for which the last request is refused, and its detail"),
-        Inner("arm_command", "rad", "angles of turntable and arm"),
-        Inner("arm_refused", "0/1", "1 while the requested move is refused"),
-        Inner("arm_margin", "m", "least stability margin along the requested move"),
         Inner("stability_margin", "m", "stability margin now"),
     )
 
 
-PORTS = make_ports(LinearActuatorParams(), (0.39, 0.57))
+def _arm_ports(arm: SerialArm) -> tuple[Port, ...]:
+    """Signals of an arm's joints, from the platform to its tip."""
+    names = [joint.name for joint in arm.joints]
+    unit = ", ".join(joint.unit for joint in arm.joints)
+    rates = ", ".join(f"{joint.unit}/s" for joint in arm.joints)
+    return (
+        In("arm.position_command", arm.count, unit, "positions of its joints", elements=names),
+        Out(
+            *("arm.position", arm.count, unit, "encoders: positions of the joints' drives"),
+            default=0.0,
+            elements=names,
+        ),
+        Out(
+            *("arm.velocity", arm.count, rates, "encoders: their rates per period"),
+            default=0.0,
+            elements=names,
+        ),
+        Inner(
+            *("arm_request", unit, "positions of the arm's joints that the operator asks for"),
+            size=arm.count,
+            elements=names,
+        ),
+        Inner("arm_refused", "0/1", "1 while the requested move of the arm is refused"),
+        Inner("arm_margin", "m", "least stability margin along the requested move"),
+    )
+
+
+PORTS = make_ports(LinearActuatorParams(), (0.39, 0.57), PAPER_ARM)

@@ -257,7 +257,6 @@ def emulated_hardware() -> HardwareScenario:
             Adis16448SpiImu(),
             Epos2Wheels(),
             NotFittedPart("arm"),
-            NotFittedPart("turntable"),
         ]
     )
 

@@ -16,7 +16,6 @@ from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import estimate_ground, forward_kinematics
 from parapod.systems.levelling_platform.model import standing_pose
 
-_INPUTS = {"extension": LEG_COUNT, "base_pose": 7, "arm_position": 2}
 _SLAB, _SLAB_PATH = (2.6, 2.2, 0.04), "/measured_ground"  # [m]
 _FLOOR = -0.3  # [m]
 
@@ -37,7 +36,7 @@ class PlatformTwin(Twin):
         "foot_offsets_estimated",
         "extension_desired_state",
         "posture_desired_state",
-        "arm_command",
+        "arm.position",
         "arm.position_command",
     }
 
@@ -46,10 +45,12 @@ class PlatformTwin(Twin):
         super().__init__(meshcat, scenario, prefix)
         self._geometry = scenario.machine.geometry
         self._on_wheels = scenario.machine.wheel_geometry.standing_height
+        count = scenario.machine.masses.arm.count
+        self._still = np.zeros(count)
         for drawing in (MEASURED, DESIRED):
-            extension, base_pose, arm = (
-                self.input(f"{drawing}.{name}", size) for name, size in _INPUTS.items()
-            )
+            extension = self.input(f"{drawing}.extension", LEG_COUNT)
+            base_pose = self.input(f"{drawing}.base_pose", 7)
+            arm = self.input(f"{drawing}.arm_position", count) if count else None
             path = self.path(drawing)
             add_drawing(
                 self.builder,
@@ -85,13 +86,13 @@ class PlatformTwin(Twin):
         posture = values.get("posture_desired_state", np.zeros(6))[:3]
         is_posed = _is_ground_known(values) and posture[2] > 0.0
         desired_pose = standing_pose(posture, ground) if is_posed else pose
-        arm = _arm(values)
+        command = values.get("arm.position_command", self._still)
         positions: dict[str, NDArray[Any]] = {}
         for drawing, numbers in (
-            (MEASURED, (extension, pose, arm)),
-            (DESIRED, (desired, desired_pose, arm)),
+            (MEASURED, (extension, pose, values.get("arm.position", command))),
+            (DESIRED, (desired, desired_pose, command)),
         ):
-            names = (f"{drawing}.{name}" for name in _INPUTS)
+            names = [f"{drawing}.{name}" for name in ("extension", "base_pose", "arm_position")]
             positions |= dict(zip(names, numbers, strict=True))
         self._publish(positions, time)
         self._dress(ground, time)
@@ -124,12 +125,6 @@ class PlatformTwin(Twin):
         below = np.array([0.0, 0.0, -0.5 * _SLAB[2]])
         pose = RigidTransform(rotation, rotation @ below)
         self.meshcat.SetTransform(_SLAB_PATH, pose, time)
-
-
-def _arm(values: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
-    """Angles (2) of turntable and arm, of which a job without an operator moves the arm only."""
-    alone = values.get("arm.position_command", np.zeros(1))
-    return values.get("arm_command", np.array([0.0, alone[0]]))
 
 
 def _is_ground_known(values: Mapping[str, NDArray[Any]]) -> bool:

@@ -58,6 +58,7 @@ from parapod.sims.levelling_platform.operation import (
 )
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
+from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.fault_detection import Finding
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -119,8 +120,9 @@ class WorkScenario(Schema):
         pitch_deg: pitch of the posture [deg].
         height_mm: height of the posture above the mean of the ground under the feet [mm]; null:
             that of a levelling.
-        arm_deg: angle to which the arm swings and from which it comes back [deg].
-        turn_deg: angle of the turntable meanwhile [deg].
+        arm_deg: angle to which the arm's second joint, or its only one, swings and from which it
+            comes back [deg].
+        turn_deg: angle of the joint before it meanwhile, the drawn arm's turntable [deg].
         hold_s: time at rest before, between and after the arm's moves [s].
     """
 
@@ -131,10 +133,9 @@ class WorkScenario(Schema):
     turn_deg: float = quantity(0.0, -360.0, 360.0)
     hold_s: float = quantity(2.0, 0.5, 3600.0)
 
-    @property
-    def arm(self) -> tuple[float, float]:
-        """Angles of turntable and arm [rad]."""
-        return math.radians(self.turn_deg), math.radians(self.arm_deg)
+    def positions(self, arm: SerialArm) -> tuple[float, ...]:
+        """Positions (n) of the arm's joints meanwhile [rad or m]."""
+        return arm.leaning(math.radians(self.arm_deg), math.radians(self.turn_deg))
 
 
 @dataclass
@@ -197,12 +198,13 @@ class DeployScenario(Schema):
         """Steps of the operator."""
         transport, hold = Phase.TRANSPORT, Phase.HOLD
         ahead, stop = (self.drive.speed_m_s, 0.0), (0.0, 0.0)
+        arm = self.machine.masses.arm
         return (
             Step(transport, _PAUSE, drive=ahead),
             Step(transport, self.drive.duration, drive=stop),
             Step(transport, _PAUSE, Command.GO),
-            Step(hold, self.work.hold_s, arm=self.work.arm),
-            Step(hold, self.work.hold_s + _PAUSE, arm=(0.0, 0.0)),
+            Step(hold, self.work.hold_s, arm=self.work.positions(arm)),
+            Step(hold, self.work.hold_s + _PAUSE, arm=(0.0,) * arm.count),
             Step(hold, self.work.hold_s + _PAUSE, Command.STOP),
             Step(transport, _PAUSE, drive=ahead),
             Step(transport, self.drive.duration, drive=stop),
@@ -242,7 +244,7 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         "extension_desired_state",
         "phase",
         "stability_margin",
-        "arm_command",
+        "arm.position_command",
         "findings",
     )
     takes = "20 s"
@@ -268,7 +270,8 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
     def loop(self, scenario: DeployScenario, **options: Any) -> ClosedLoop[LevellingScenario]:
         """The machine with its supervisor and an operator."""
         machine = scenario.levelling
-        operator = OperatorScript(scenario.steps(), scenario.posture, machine.control.period)
+        period, arm = machine.control.period, machine.machine.masses.arm
+        operator = OperatorScript(scenario.steps(), scenario.posture, period, arm.count)
         parts: dict[str, Any] = {
             "controller": make_supervised_controller,
             "sources": [operator],
@@ -383,7 +386,8 @@ def _draw_legs(time: NDArray[np.float64], signals: Signals, canvas: "Canvas") ->
             legs.plot(time[first], extension[first, i], "o", color=line.get_color(), ms=4)
     legs.set_ylabel("extension [mm]")
     legs.legend(fontsize=8, ncols=LEG_COUNT, loc="upper center")
-    arm.plot(time, np.degrees(signals["arm_command"][:, 1]))
+    if "arm.position_command" in signals:
+        arm.plot(time, np.degrees(signals["arm.position_command"]))
     arm.set(ylabel="arm [deg]", xlabel="time [s]")
     _mark_phases(legs, time, signals, named=True)
     _mark_phases(arm, time, signals, named=False)

@@ -373,7 +373,7 @@ class _Recorder:
         changed = any(value(injector, "changed")[0] > 0.5 for injector in injectors)
         outputs = [
             value(controller, name)
-            for name in ("legs.voltage", "wheels.velocity_command", "arm_command")
+            for name in ("legs.voltage", "wheels.velocity_command", "arm.position_command")
         ]
         self._rows.append(
             (

@@ -22,7 +22,7 @@ from parapod.systems.core.ports import value_of
 from parapod.systems.levelling_platform.fault_detection import RULES
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.reference import describe_range
-from parapod.systems.levelling_platform.sliders import OperatorControls
+from parapod.systems.levelling_platform.sliders import OperatorControls, slider_of
 from parapod.systems.levelling_platform.stability_monitor import usual_margin
 from parapod.systems.levelling_platform.supervisor import (
     TRANSITIONS,
@@ -39,9 +39,10 @@ _PATH = "/phase"
 _STANDING = 2.0
 # Ports of the controller that end an operation, or say why it has ended.
 _WATCHED = (
-    *("phase", "refusal", "arm_margin", "arm_refused", "findings"),
+    *("phase", "refusal", "findings"),
     *("ground_estimated", "foot_offsets_estimated"),
 )
+_WATCHED_OF_ARM = ("arm_margin", "arm_refused")
 # After this long in a phase its requests have been judged [s].
 _JUDGED = 0.1
 _ADVICE = {
@@ -56,7 +57,6 @@ _OBEYED = {
     },
     **{name: {Phase.TRANSPORT} for name, *_ in OperatorControls.HELD_DRIVE},
     **{name: {Phase.TRANSPORT, Phase.STANDBY} for name, *_ in OperatorControls.HELD_JOG},
-    **{name: {Phase.HOLD} for name, *_ in OperatorControls.ARM},
 }
 _REFUSED = {
     Refusal.COMMAND: "that has no place in this phase",
@@ -121,7 +121,8 @@ class OperationWatch:
         label: PhaseLabel | None,
         ends_at_fault: bool = False,
     ):
-        loop.require(_WATCHED)
+        self._has_arm = has_arm(loop.scenario)
+        loop.require((*_WATCHED, *(_WATCHED_OF_ARM if self._has_arm else ())))
         self._loop, self._steps, self._label = loop, steps, label
         self._ends_at_fault = ends_at_fault
         self._operator = loop.GetSubsystemByName("operator_script")
@@ -141,7 +142,8 @@ class OperationWatch:
             # What the operator asks for next is not what was refused.
             self._refused_at = now
             self._refusal = self._read(root_context, "refusal").astype(int).tolist()
-            self._margin = float(self._read(root_context, "arm_margin")[0])
+            if self._has_arm:
+                self._margin = float(self._read(root_context, "arm_margin")[0])
         if self._is_faulty and now > self._entered + _STANDING:
             return EventStatus.ReachedTermination(self._loop.controller, "fault")
         if now > self._refused_at + _STANDING:
@@ -162,6 +164,8 @@ class OperationWatch:
     def _is_refused(self, root_context: Context) -> bool:
         if self._read(root_context, "refusal")[0] != Refusal.NONE:
             return True
+        if not self._has_arm:
+            return False
         # The arm's request is judged anew once the posture is held.
         judged = root_context.get_time() > self._entered + _JUDGED
         in_hold = self._phase is Phase.HOLD and judged
@@ -256,9 +260,22 @@ def operated_platform(
         machine,
         meshcat=meshcat,
         controller=partial(make_supervised_controller, is_operated=True),
-        sources=(OperatorControls(controls, height, machine.geometry_as_known, period=0.02),),
+        sources=(
+            OperatorControls(
+                controls,
+                height,
+                machine.geometry_as_known,
+                period=0.02,
+                joints=machine.machine.masses.arm.joints,
+            ),
+        ),
         log=(),
     )
+
+
+def has_arm(scenario: LevellingScenario) -> bool:
+    """Whether a platform has an arm."""
+    return scenario.machine.masses.arm.count > 0
 
 
 def _least_margin(loop: ClosedLoop[Any]) -> float:
@@ -284,8 +301,11 @@ def read_operation(loop: ClosedLoop[Any], root_context: Context) -> Readout:
     code = Refusal(int(read("refusal")[0]))
     if code is not Refusal.NONE:
         remarks.append(f"refused: {_REFUSED[code]}")
-    if read("arm_refused")[0] > 0.5 and phase is Phase.HOLD:
+    if has_arm(loop.scenario) and read("arm_refused")[0] > 0.5 and phase is Phase.HOLD:
         remarks.append("refused: the arm's move would leave too small a margin")
     is_alarming = bool(broken_rules) or phase is Phase.FAULT
     idle = [name for name, phases in _OBEYED.items() if phase not in phases]
+    if phase is not Phase.HOLD:
+        joints = loop.scenario.machine.masses.arm.joints
+        idle += [slider_of(joint)[0] for joint in joints]
     return Readout(phase.name.lower(), rows, remarks, is_alarming, idle)

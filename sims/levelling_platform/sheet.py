@@ -174,7 +174,7 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
 
     def _centre(self, lean: float, turn: NDArray[np.float64]) -> NDArray[np.float64]:
         """Centre of mass (n, 3) from F, with the arm at a lean and turns (n) [m]."""
-        point = self.masses.centre_with((turn, lean))
+        point = self.masses.centre_with(self.masses.arm.leaning(lean, turn))
         return np.stack(np.broadcast_arrays(*point), axis=-1)
 
     # Ground.
@@ -252,14 +252,14 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
             low, high = self._heights(ground)
             posture = (0.0, 0.0, 0.5 * (low + high))
             extension = inverse_kinematics(self.geometry, posture, ground, on_unreachable="nan")
-            for arm in ((0.0, 0.0), *((turn, 0.5 * math.pi) for turn in directions)):
+            for lean, turn in ((0.0, 0.0), *((0.5 * math.pi, turn) for turn in directions)):
                 stance = stand(
                     self.geometry,
                     self.masses,
                     extension.tolist(),
                     [0.0] * LEG_COUNT,
                     ground.tolist(),
-                    list(arm),
+                    list(self.masses.arm.leaning(lean, turn)),
                 )
                 rows.append(stance.load_force)
         return np.abs(np.array(rows))

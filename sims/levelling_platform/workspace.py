@@ -525,6 +525,6 @@ def _least_stability(
     attitude = forward_kinematics(geometry, extension, (0.0, 0.0))[:, :2]
     margins = []
     for turn in (2.0 * math.pi * np.arange(_TURNS) / _TURNS).tolist():
-        centre = masses.centre_with((turn, lean))
+        centre = masses.centre_with(masses.arm.leaning(lean, turn))
         margins.append(stability_margin(geometry, extension, attitude, centre).min())
     return float(min(margins))

@@ -69,6 +69,11 @@ class ArmJoint:
         if abs(dot(self.axis, self.axis) - 1.0) > _UNIT:
             raise ValueError(f"the axis of joint {self.name!r} must have length 1")
 
+    @property
+    def unit(self) -> str:
+        """Unit of its positions."""
+        return "rad" if self.kind == "revolute" else "m"
+
     def shown(self, position: float) -> str:
         """A position for people, in degrees or millimetres."""
         if self.kind == "revolute":
@@ -163,6 +168,17 @@ class SerialArm:
     def mass(self) -> float:
         """Mass of its links [kg]."""
         return sum(link.mass for link in self.links)
+
+    def leaning(self, lean: Elementwise, turn: Elementwise = 0.0) -> tuple[Elementwise, ...]:
+        """Positions (n) of the joints of an arm that leans, as a rod on a turntable does.
+
+        The first joint turns it and the second one, or the only one, makes it lean; others stay.
+
+        Args:
+            lean: position of the joint that makes it lean [rad or m].
+            turn: position of the joint before it [rad or m].
+        """
+        return (turn, lean, *(0.0,) * (self.count - 2)) if self.count > 1 else (lean,) * self.count
 
     def first_moment(self, position: Sequence[Elementwise]) -> Vector3:
         """Mass times centre of mass from the platform's centre F, in its frame [kg m].

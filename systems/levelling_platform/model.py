@@ -28,7 +28,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import FixedOffsetFrame, Joint, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import read, read_array
@@ -95,8 +95,18 @@ class PlatformModel:
 
     @cached_property
     def arm(self) -> ModelInstanceIndex:
-        """The model instance of turntable and arm."""
+        """The model instance of the arm, if it has one."""
         return self.plant.GetModelInstanceByName("arm")
+
+    @cached_property
+    def arm_joints(self) -> tuple[Joint, ...]:
+        """The arm's joints that are driven (n), from the platform to the tip."""
+        if not self.plant.HasModelInstanceNamed("arm"):
+            return ()
+        actuators = map(
+            self.plant.get_joint_actuator, self.plant.GetJointActuatorIndices(self.arm)
+        )
+        return tuple(actuator.joint() for actuator in actuators)
 
     @cached_property
     def wheels(self) -> tuple[ModelInstanceIndex, ...]:
@@ -163,7 +173,11 @@ class PlatformModel:
         return starts
 
     def positions(
-        self, extension: ArrayLike, posture: ArrayLike, ground: ArrayLike, arm: ArrayLike
+        self,
+        extension: ArrayLike,
+        posture: ArrayLike,
+        ground: ArrayLike,
+        arm: ArrayLike | None = None,
     ) -> NDArray[np.float64]:
         """All positions of the plant, loops closed and feet on the ground.
 
@@ -171,19 +185,19 @@ class PlatformModel:
             extension: (4) extensions [m].
             posture: (3) roll, pitch, height [rad, rad, m].
             ground: (2) roll and pitch of the ground [rad].
-            arm: (2) turntable and arm angle [rad].
+            arm: (n) positions of the arm's joints [rad or m]; None: zero.
         """
         return self.positions_at(extension, standing_pose(posture, ground), arm)
 
     def positions_at(
-        self, extension: ArrayLike, base_pose: ArrayLike, arm: ArrayLike
+        self, extension: ArrayLike, base_pose: ArrayLike, arm: ArrayLike | None = None
     ) -> NDArray[np.float64]:
         """All positions of the plant, loops closed; wheels and rollers are at zero.
 
         Args:
             extension: (4) extensions [m].
             base_pose: (7) quaternion (w, x, y, z) and position [m] of the platform.
-            arm: (2) turntable and arm angle [rad].
+            arm: (n) positions of the arm's joints [rad or m]; None: zero.
         """
         q = np.zeros(self.plant.num_positions())
         for leg, d in enumerate(np.asarray(extension).tolist()):
@@ -191,7 +205,10 @@ class PlatformModel:
                 q[self._position_starts[leg][joint]] = value
         start = self.base.floating_positions_start()
         q[start : start + 7] = base_pose
-        self.plant.SetPositionsInArray(self.arm, np.asarray(arm, dtype=float), q)
+        if arm is not None:
+            starts = [joint.position_start() for joint in self.arm_joints]
+            if starts:
+                q[starts] = np.asarray(arm, dtype=float)
         return q
 
     def base_pose(self, positions: NDArray[np.float64]) -> RigidTransform:
@@ -216,7 +233,7 @@ class PlatformModel:
             foot_offsets: (4) heights under the feet above the ground's plane [m].
         """
         posture = resting_posture(self.geometry, extension, ground, foot_offsets)
-        return self.positions(extension, posture, ground, (0.0, 0.0))
+        return self.positions(extension, posture, ground)
 
     def positions_on_wheels(
         self, extension: ArrayLike, posture: ArrayLike, ground: ArrayLike, x: float = 0.0
@@ -231,7 +248,7 @@ class PlatformModel:
         """
         pose = standing_pose(posture, ground)
         pose[4:] += ground_pose(ground).rotation().matrix() @ [x, 0.0, 0.0]
-        return self.positions_at(extension, pose, (0.0, 0.0))
+        return self.positions_at(extension, pose)
 
     def put(
         self,
@@ -422,12 +439,12 @@ class PlatformPose(LeafSystem):
     |---|---|---|---|
     | in `extension` | 4 | m | extensions |
     | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position of the platform |
-    | in `arm_position` | 2 | rad | turntable and arm angle |
+    | in `arm_position` | n | rad or m | positions of the arm's joints; unconnected: zero |
     | out `positions` | n | - | positions of the model's plant |
 
     State: none.
 
-    Bad input: NaN where an extension cannot be built; a pose or an angle is passed on.
+    Bad input: NaN where an extension cannot be built; a pose or the arm's positions are passed on.
     """
 
     def __init__(self, model: PlatformModel):
@@ -436,7 +453,7 @@ class PlatformPose(LeafSystem):
         self._model = model
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._base_pose = self.DeclareVectorInputPort("base_pose", 7)
-        self._arm = self.DeclareVectorInputPort("arm_position", 2)
+        self._arm = self.DeclareVectorInputPort("arm_position", len(model.arm_joints))
         self.DeclareVectorOutputPort(
             "positions",
             model.plant.num_positions(),
@@ -448,7 +465,7 @@ class PlatformPose(LeafSystem):
         q = self._model.positions_at(
             read_array(self._extension, context),
             read_array(self._base_pose, context),
-            read_array(self._arm, context),
+            read_array(self._arm, context) if self._arm.HasValue(context) else None,
         )
         output.SetFromVector(q)
 

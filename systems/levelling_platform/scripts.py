@@ -159,7 +159,7 @@ class Step:
         command: for the supervisor; taken back with the next step.
         drive: forward speed and yaw rate [m/s, rad/s].
         posture: roll, pitch, height to ask for [rad, rad, m].
-        arm: angles of turntable and arm to ask for [rad].
+        arm: positions (n) of the arm's joints to ask for [rad or m].
     """
 
     phase: Phase
@@ -167,7 +167,7 @@ class Step:
     command: Command = Command.NONE
     drive: tuple[float, float] | None = None
     posture: tuple[float, float, float] | None = None
-    arm: tuple[float, float] | None = None
+    arm: tuple[float, ...] | None = None
 
 
 class OperatorScript(LeafSystem):
@@ -179,7 +179,7 @@ class OperatorScript(LeafSystem):
     | out `operator` | 1 | - | a `Command` |
     | out `drive_request` | 2 | m/s, rad/s | forward speed and yaw rate |
     | out `posture_request` | 3 | rad, rad, m | posture to take |
-    | out `arm_request` | 2 | rad | angles of turntable and arm |
+    | out `arm_request` | n | rad or m | positions of the arm's joints |
     | out `steps_done` | 1 | - | how many steps have been done |
 
     State: discrete, each output; the phase seen last and since when, and when the last step was
@@ -193,6 +193,7 @@ class OperatorScript(LeafSystem):
         steps: Sequence[Step] = (),
         posture: tuple[float, float, float] = (0.0, 0.0, 0.477),
         period: float = 0.01,
+        joints: int = 2,
     ):
         """Creates the operator.
 
@@ -200,6 +201,7 @@ class OperatorScript(LeafSystem):
             steps: in their order.
             posture: asked for until a step asks for another [rad, rad, m].
             period: period of the operator's attention [s].
+            joints: number n of the arm's joints; 0: no port for them.
         """
         super().__init__()
         self.set_name("operator_script")
@@ -210,9 +212,11 @@ class OperatorScript(LeafSystem):
             ("operator", [0.0]),
             ("drive_request", [0.0, 0.0]),
             ("posture_request", list(posture)),
-            ("arm_request", [0.0, 0.0]),
+            ("arm_request", [0.0] * joints),
             ("steps_done", [0.0]),
         ):
+            if not start:
+                continue
             self._outputs[name] = self.DeclareDiscreteState(np.array(start))
             self.DeclareStateOutputPort(name, self._outputs[name])
         self._memory: Any = self.DeclareDiscreteState(np.array([-1.0, 0.0, 0.0]))
@@ -241,5 +245,5 @@ class OperatorScript(LeafSystem):
             "steps_done": (float(count),),
         }
         for name, value in values.items():
-            if value is not None:
+            if value is not None and name in self._outputs:
                 discrete_state.set_value(self._outputs[name], np.array(value))

@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from math import ceil, degrees, floor, radians
+from math import ceil, degrees, floor, isfinite, radians
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, LeafSystem
 
+from parapod.systems.arm.serial_arm import ArmJoint
 from parapod.systems.core.controls import Controls, Slider, shown
 from parapod.systems.core.ports import elements, is_on, read_array, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range
+from parapod.systems.levelling_platform.statics import PAPER_ARM
 from parapod.systems.levelling_platform.supervisor import Command
 
 # Longest silence that is reported [s].
@@ -232,9 +234,9 @@ class OperatorControls(_PostureControls):
     | out `operator` | 1 | - | a `Command`, for a moment after its button was clicked |
     | out `drive_request` | 2 | m/s, rad/s | forward speed and yaw rate |
     | out `posture_request` | 3 | rad, rad, m | posture to take |
-    | out `arm_request` | 2 | rad | angles of turntable and arm |
     | out `jog_request` | 4 | m/s | rates of single legs |
     | out `operator_age` | 1 | s | since the person was heard; 0 for controls that cannot tell |
+    | out `arm_request` | n | rad or m | positions of the arm's joints, if it has any |
 
     Sliders and buttons exist while `shown` is entered; at first nothing drives, and everything
     is level and upright. With buttons that can be held it drives, and jogs a leg, while they are;
@@ -250,10 +252,6 @@ class OperatorControls(_PostureControls):
     BUTTONS = ("Go", "Stop", "Reset")
     # Name, smallest and largest value, step; and the factor to SI.
     DRIVE = (("drive [m/s]", -0.5, 0.5, 0.05, 1.0), ("turn [deg/s]", -20.0, 20.0, 1.0, radians(1)))
-    ARM = (
-        ("turntable [deg]", -90.0, 90.0, 1.0, radians(1)),
-        ("arm [deg]", -90.0, 90.0, 1.0, radians(1)),
-    )
     # Buttons that are held, their keys; forward speed and yaw rate [m/s, rad/s].
     HELD_DRIVE = (
         ("ahead", "ArrowUp", (0.3, 0.0)),
@@ -271,6 +269,32 @@ class OperatorControls(_PostureControls):
     # For how long a command is given [s].
     MOMENT = 0.2
 
+    def __init__(
+        self,
+        controls: Controls,
+        height: float = 0.477,
+        geometry: PlatformGeometry = PlatformGeometry(),
+        params: PostureSlidersParams | None = None,
+        period: float = 0.05,
+        joints: Sequence[ArmJoint] = PAPER_ARM.joints,
+    ):
+        """Creates the source; shows nothing yet.
+
+        Args:
+            controls: owner of sliders and buttons: a `Meshcat`, or one with its methods.
+            height: height of the level posture [m].
+            geometry: the platform.
+            params: ranges of the posture's sliders; None: those for the geometry.
+            period: period of reading the controls [s].
+            joints: joints (n) of the arm, which may be none.
+        """
+        super().__init__(controls, height, geometry, params, period)
+        self.arm = [slider_of(joint) for joint in joints]
+        if self.arm:
+            request = self.DeclareDiscreteState(len(self.arm))
+            self._outputs["arm_request"] = request
+            self.DeclareStateOutputPort("arm_request", request)
+
     def _declare(self) -> None:
         self.set_name("operator_controls")
         self._outputs: dict[str, Any] = {}
@@ -278,7 +302,6 @@ class OperatorControls(_PostureControls):
             ("operator", [0.0]),
             ("drive_request", [0.0, 0.0]),
             ("posture_request", self._level),
-            ("arm_request", [0.0, 0.0]),
             ("jog_request", [0.0] * LEG_COUNT),
             ("operator_age", [0.0]),
         ):
@@ -289,7 +312,9 @@ class OperatorControls(_PostureControls):
     def shown(self) -> AbstractContextManager[None]:
         """Shows buttons and sliders, and takes them away at the end."""
         driving = () if self._can_be_held else self.DRIVE
-        more = [(*slider[:4], 0.0) for slider in (*driving, *self.ARM)]
+        more = [
+            (*slider[:4], min(max(0.0, slider[1]), slider[2])) for slider in (*driving, *self.arm)
+        ]
         holds = [(name, key) for name, key, _ in self.HELD_DRIVE]
         holds += [(name, "") for name, _, _ in self.HELD_JOG]
         return shown(
@@ -312,7 +337,8 @@ class OperatorControls(_PostureControls):
         if posture is not None:
             discrete_state.set_value(self._outputs["posture_request"], posture)
             drive, jog = self._read_held() if self._can_be_held else (self._read(self.DRIVE), jog)
-            discrete_state.set_value(self._outputs["arm_request"], self._read(self.ARM))
+            if self.arm:
+                discrete_state.set_value(self._outputs["arm_request"], self._read(self.arm))
             clicks = [float(self._controls.GetButtonClicks(name)) for name in self.BUTTONS]
             pressed = [i for i, count in enumerate(clicks) if count > values[i]]
             values = clicks
@@ -344,3 +370,15 @@ class OperatorControls(_PostureControls):
 
     def _read(self, sliders: Sequence[Slider]) -> NDArray[Any]:
         return np.array([s[-1] * self._controls.GetSliderValue(s[0]) for s in sliders])
+
+
+# Largest angle and way to either side of a joint that has no limits [deg, mm].
+_TURN, _WAY = 90.0, 500.0
+
+
+def slider_of(joint: ArmJoint) -> Slider:
+    """Name, smallest and largest value, step, and the factor to SI of a joint's slider."""
+    unit, usual, factor = ("deg", _TURN, radians(1)) if joint.unit == "rad" else ("mm", _WAY, 1e-3)
+    low = joint.lower / factor if isfinite(joint.lower) else -usual
+    high = joint.upper / factor if isfinite(joint.upper) else usual
+    return f"{joint.name} [{unit}]", low, high, 1.0, factor

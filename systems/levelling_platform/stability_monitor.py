@@ -84,10 +84,12 @@ class StabilityMonitor(LeafSystem):
     | in `standing` | 4 | 0/1 | contact switches of the feet |
     | in `arm_request` | n | rad or m | positions of the joints asked for; may jump |
     | in `enable` | 1 | - | above 0.5: moves may begin |
-    | out `arm_command` | n | rad or m | command of the arm's joints; C1 in time |
     | out `margin` | 1 | m | `tipping_margin` at present, with the command's motion |
+    | out `arm_command` | n | rad or m | command of the arm's joints; C1 in time |
     | out `margin_requested` | 1 | m | smallest margin along the move last asked for |
     | out `refused` | 1 | 0/1 | above 0.5 while the present request is not admitted |
+
+    A platform without an arm has sensors and `margin` alone.
 
     The command begins at zero. A request is admitted if the zero-moment point stays inside the
     support polygon by the margin along the whole move, both with its accelerations and without
@@ -136,8 +138,6 @@ class StabilityMonitor(LeafSystem):
         self._ground = self.DeclareVectorInputPort("ground", 2)
         self._standing = self.DeclareVectorInputPort("standing", LEG_COUNT)
         self._count = count = params.platform.arm.count
-        self._request = self.DeclareVectorInputPort("arm_request", count)
-        self._enable = self.DeclareVectorInputPort("enable", 1)
         margin = usual_margin(geometry) if params.margin is None else params.margin
         limits = [margin, *params.rate, *params.acceleration]
         limits += [low for low, _ in params.reach] + [high for _, high in params.reach]
@@ -153,8 +153,12 @@ class StabilityMonitor(LeafSystem):
             port.ticket()
             for port in (self._extension, self._attitude, self._ground, self._standing)
         }
-        self.DeclareVectorOutputPort("arm_command", count, self._calc_arm_command, motion)
         self.DeclareVectorOutputPort("margin", 1, self._calc_margin, motion | sensors)
+        if not count:
+            return
+        self._request = self.DeclareVectorInputPort("arm_request", count)
+        self._enable = self.DeclareVectorInputPort("enable", 1)
+        self.DeclareVectorOutputPort("arm_command", count, self._calc_arm_command, motion)
         self.DeclareVectorOutputPort("margin_requested", 1, self._calc_margin_requested, {state})
         self.DeclareVectorOutputPort("refused", 1, self._calc_refused, {state})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_plan)

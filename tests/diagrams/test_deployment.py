@@ -29,7 +29,7 @@ HEIGHT = 0.477
 SPEED, WAY = 0.3, 0.45
 SWING = math.radians(45.0)
 SIGNALS = (
-    *("arm_command", "arm_refused", "arm_request", "extension_desired_state"),
+    *("arm.position_command", "arm_refused", "arm_request", "extension_desired_state"),
     *("foot_offsets_estimated", "legs.extension", "legs.limits", "legs.voltage", "phase"),
     *("refusal", "stability_margin", "steps_done", "wheels.brake", "wheels.velocity"),
     *("wheels.velocity_command", "truth.contact_force", "truth.foot_height", "truth.posture"),
@@ -137,7 +137,7 @@ def test_wheels_accelerate_within_their_limit(deployment):
 
 def test_the_arm_is_told_to_move_within_its_limits(deployment):
     params = StabilityMonitorParams()
-    command = deployment.signals["arm_command"]
+    command = deployment.signals["arm.position_command"]
     rates = np.diff(command, axis=0) / PERIOD
     assert (np.abs(rates).max(axis=0) <= np.array(params.rate) * 1.001).all()
     accelerations = np.diff(rates, axis=0) / PERIOD
@@ -219,7 +219,7 @@ def test_the_arm_is_refused_while_the_platform_is_not_held(deployment):
         "TRANSPORT",
         "ESTIMATE",
     }
-    assert not deployment.signals["arm_command"][~held].any()
+    assert not deployment.signals["arm.position_command"][~held].any()
     in_transport = wrong & (deployment.phases == Phase.TRANSPORT)
     # It is judged a period later.
     assert deployment.signals["arm_refused"][np.flatnonzero(in_transport)[1:]].all()

@@ -38,7 +38,7 @@ from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.signals import ended_by_signals
 
-PARTS = ("arm", "imu", "legs", "turntable", "wheels")
+PARTS = ("arm", "imu", "legs", "wheels")
 LIBRARIES = sorted(EXTRAS)
 EXTENSION = (0.401, 0.402, 0.403, 0.404)
 SHOWN = {"extension": EXTENSION, "accel": (0.0, 0.0, 9.80665), "mag": (2e-5, 0.0, -4e-5)}
@@ -140,7 +140,7 @@ CARD = "PXIe-6363 PXI1Slot2 at unix:"
     [
         (
             [*fakes()[:-1], NotFittedPart("wheel")],
-            r"hardware.drivers.4.part = 'wheel' is not one of arm, imu, legs, turntable, wheels",
+            r"hardware.drivers.4.part = 'wheel' is not one of arm, imu, legs, wheels",
         ),
         (
             [driver for driver in fakes() if driver.part != "imu"],
@@ -269,7 +269,7 @@ def test_building_opens_nothing_and_imports_no_drivers_library(tmp_path):
                 opened.append((event, arguments[0]))
 
         tags = Driver.variants()
-        rest = [tags["Epos2Wheels"](), *map(tags["NotFittedPart"], ("arm", "turntable"))]
+        rest = [tags["Epos2Wheels"](), tags["NotFittedPart"]("arm")]
         machines = [
             [tags["NiDaqLegs"](), tags["Adis16448SpiImu"](), *rest],
             [tags["SabertoothLegs"](), tags["NiDaqEncoders"](), tags["Adis16448IioImu"](), *rest],

@@ -39,11 +39,12 @@ def perfect(scenario):
     return scenario
 
 
-def swing_arm(machine, angle, duration=0.5):
+def swing_arm(machine, angle, duration=0.5, turn=0.0):
     """A command that does not jump."""
     steps = round(duration / PERIOD)
     for k in range(1, steps + 1):
-        machine.set("arm.position_command", angle * (0.5 - 0.5 * math.cos(math.pi * k / steps)))
+        share = 0.5 - 0.5 * math.cos(math.pi * k / steps)
+        machine.set("arm.position_command", [turn, share * angle])
         machine.run(PERIOD)
 
 
@@ -348,7 +349,7 @@ def test_jump_of_the_arms_command_leaves_the_platform_on_its_feet(shared):
     machine = shared("multibody")
     machine.run(0.2)
     before = machine.read("truth.posture")
-    machine.set("arm.position_command", 0.2)
+    machine.set("arm.position_command", [0.0, 0.2])
     machine.run(1.0)
     (_, arm), _ = joints(machine, "turntable", "arm")
     assert arm == pytest.approx(0.2, abs=0.01)
@@ -372,10 +373,10 @@ def test_arm_that_swings_forward_shifts_the_load_to_the_front(shared, backend):
 def test_turned_turntable_swings_the_arm_to_the_left(shared, backend):
     machine = shared(backend)
     for k in range(1, 51):
-        machine.set("turntable.position_command", 0.5 * math.pi * k / 50.0)
+        machine.set("arm.position_command", [0.5 * math.pi * k / 50.0, 0.0])
         machine.run(PERIOD)
     before = machine.read("truth.contact_force")
-    swing_arm(machine, math.pi / 4.0)
+    swing_arm(machine, math.pi / 4.0, turn=0.5 * math.pi)
     machine.run(0.2)
     shift = machine.read("truth.contact_force") - before
     left = [i for i, leg in enumerate(DRAWN.legs) if leg.l_y < 0.0]

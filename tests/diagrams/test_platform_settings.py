@@ -96,7 +96,9 @@ def test_the_arm_swings_to_the_angle_that_is_said_in_degrees():
     begin = scenario.job.estimate_at + scenario.job.arm.start
     for time, angle in ((begin, 0.0), (begin + scenario.job.arm.duration, math.radians(30.0))):
         simulator.AdvanceTo(time)
-        assert port.Eval(simulator.get_context())[0] == pytest.approx(angle, abs=1e-12)
+        assert port.Eval(simulator.get_context()).tolist() == pytest.approx(
+            [0.0, angle], abs=1e-12
+        )
 
 
 # Sensors

@@ -40,6 +40,7 @@ from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
+from parapod.systems.actuators.position_drive import PositionDriveParams
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.input_shaper import Shaper
 from parapod.systems.core.errors import UnreachablePosture
@@ -483,6 +484,11 @@ ENTRIES: dict[str, Entry] = {
     "DrillingProcess": Entry(
         inputs={"pose": around((0.0, 0.0, 0.438, 0.0, 0.0, 0.0), *(3e-3,) * 3, *(0.01,) * 3)},
         limits={"tool_force": (0.0, 225.0)},
+    ),
+    "PositionDrive": Entry(
+        lambda: {"params": (PositionDriveParams(2.0, 30.0, -0.5, 1.0),) * 2},
+        inputs={"position_command": around(0.0, 0.2)},
+        limits={"velocity_measured": 2.0},
     ),
     "PositionServo": Entry(
         lambda: DRIVES,

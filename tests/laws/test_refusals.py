@@ -46,7 +46,7 @@ REFUSALS = [
     (["bench-rt", "--of", "a\nb"], r"there is no experiment 'a\\nb'; there are: .*"),
     (["check", "le\ngs", "--of", _LONG], r"there is no experiment 'xxx.*"),
     # --- parts
-    ("check ram", r"part 'ram' is not one of legs, imu, wheels, arm, turntable"),
+    ("check ram", r"part 'ram' is not one of legs, imu, wheels, arm"),
     *(
         (
             f"check {arguments}",
@@ -54,7 +54,7 @@ REFUSALS = [
         )
         for arguments, parts in (
             ("arm", "legs, imu, wheels"),
-            ("turntable --move 1 --yes", "legs, imu, wheels"),
+            ("arm --move 1 --yes", "legs, imu, wheels"),
             ("leg --of bench-walk", "sliders, hip, cells"),
             ("belt --of bench-walk", "sliders, hip, cells"),  # its zeros would be read
         )
@@ -309,7 +309,7 @@ REFUSALS = [
         )
         for fault, words in (
             ("12 imu nonsense", _KINDS),
-            ("12 rudder off", "arm, imu, legs, turntable, wheels"),
+            ("12 rudder off", "arm, imu, legs, wheels"),
             ("imu off", "a time in seconds"),
         )
     ),

@@ -79,11 +79,11 @@ def test_the_driver_that_is_shown_works(my_arm):
     device = my_arm.MyArm(port=arm.port, limit_deg=30.0).make(PartPorts({}, {}))
     with device:
         for angle in (0.1, math.nan, 10.0):
-            device.write({"position_command": (angle,)})
+            device.write({"position_command": (0.2, angle)})
         end = time.monotonic() + 60.0
         while len(arm.lines) < 3 and time.monotonic() < end:
             time.sleep(0.01)
-    assert arm.lines == [b"?", b"P 5.73", b"P 30.00"]
+    assert arm.lines == [b"?", b"P 11.46 5.73", b"P 11.46 30.00"]
 
 
 def test_the_check_that_is_shown_says_that_the_arm_answers_and_shows_nothing(my_arm, capsys):

@@ -208,14 +208,14 @@ def lift_sources(scenario: SlipScenario, times: Times) -> tuple[System, ...]:
     control = PiecewisePolynomial.ZeroOrderHold(
         [0.0, AT_REST, times.braked, times.end + 1.0], [[0.0, 1.0, 0.0, 0.0]]
     )
-    lift, swing = lift_trajectory(scenario), swing_trajectory(scenario)
-    for trajectory in (lift, swing):
+    movements = {"extension_request": (lift_trajectory(scenario), 1)}
+    if scenario.levelling.machine.masses.arm.count:
+        movements["arm.position_command"] = swing_trajectory(scenario), 0
+    sources: list[System] = [named_source("legs_enable", control)]
+    for name, (trajectory, derivatives) in movements.items():
         trajectory.shiftRight(times.begin)
-    return (
-        named_source("extension_request", _held_before(lift), 1),
-        named_source("legs_enable", control),
-        named_source("arm.position_command", _held_before(swing)),
-    )
+        sources.append(named_source(name, _held_before(trajectory), derivatives))
+    return tuple(sources)
 
 
 def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
@@ -232,6 +232,8 @@ def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
 
 def has_arm(machine: LevellingScenario) -> bool:
     """Whether a machine has an arm."""
+    if not machine.machine.masses.arm.count:
+        return False
     if machine.backend != "hardware":
         return True
     drivers = machine.hardware.drivers

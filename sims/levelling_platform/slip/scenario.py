@@ -1,5 +1,6 @@
 """Scenario of a study of slip, and the movements of legs and arm in it."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -7,6 +8,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.design import PlatformDesign
+from parapod.diagrams.levelling_platform.machine import swing_to
 from parapod.diagrams.levelling_platform.parts import SensorScenario
 from parapod.diagrams.levelling_platform.scenario import (
     ControlScenario,
@@ -161,7 +163,6 @@ def control_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
 
 
 def swing_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
-    """Angle of the arm: a cubic from rest to rest [rad]."""
-    start, angle = scenario.swing_at, np.radians(scenario.arm.angle_deg)
-    knots = [0.0, start, start + scenario.arm.duration, scenario.end + 1.0]
-    return PiecewisePolynomial.CubicHermite(knots, [[0.0, 0.0, angle, angle]], [[0.0] * 4])
+    """Positions (n) of the joints of a platform's arm: cubics from rest to rest [rad or m]."""
+    goal = scenario.levelling.machine.masses.arm.leaning(math.radians(scenario.arm.angle_deg))
+    return swing_to(goal, scenario.swing_at, scenario.arm.duration, scenario.end + 1.0)

@@ -54,7 +54,7 @@ class Recording:
         feet: (n, 4, 3) support points of the legs, in the world [m].
         posture: (n, 3) roll, pitch, height [rad, rad, m].
         extension: (n, 4) of the actuators [m].
-        arm: (n) angle of the arm [rad].
+        arm: (n, m) positions of the arm's joints [rad or m].
         normal: (3) of the ground.
     """
 
@@ -91,8 +91,9 @@ def lift_and_swing(scenario: SlipScenario, runner: Runner) -> Recording:
     builder = DiagramBuilder()
     station = add(builder, Station(PLATFORM, scenario.levelling))
     _add_lift(builder, station, scenario)
-    arm = add(builder, TrajectorySource(swing_trajectory(scenario)), "arm")
-    connect(builder, arm.get_output_port(), station.GetInputPort("arm.position_command"))
+    if scenario.levelling.machine.masses.arm.count:
+        arm = add(builder, TrajectorySource(swing_trajectory(scenario)), "arm")
+        connect(builder, arm.get_output_port(), station.GetInputPort("arm.position_command"))
     return _record(builder, station, scenario.end, runner, "lift and swing")
 
 
@@ -165,10 +166,10 @@ def _monitor(
             context = model.plant.GetMyContextFromRoot(root_context)
             poses = [model.plant.EvalBodyPoseInWorld(context, roller) for roller in rollers]
             feet = np.array([pose.translation() - below for pose in poses])
-            angle = float(model.plant.GetPositions(context, model.arm)[-1])
+            arm = np.array([joint.GetOnePosition(context) for joint in model.arm_joints])
             machine = station.GetMyContextFromRoot(root_context)
             posture, extension = (np.array(port.Eval(machine)) for port in ports)
-            rows.append((time, feet, posture, extension, angle))
+            rows.append((time, feet, posture, extension, arm))
         return EventStatus.DidNothing()
 
     return record

@@ -91,7 +91,7 @@ def test_a_fault_ends_the_operation_and_breaks_bounds(faulty):
 
 def test_a_fault_leaves_nothing_that_acts_without_a_number(faulty):
     signals = faulty[1].signals
-    acting = ("legs.voltage", "wheels.velocity_command", "wheels.brake", "arm_command")
+    acting = ("legs.voltage", "wheels.velocity_command", "wheels.brake", "arm.position_command")
     for name in (*acting, "extension_desired_state", "findings", "severity", "attitude_estimated"):
         assert np.isfinite(signals[name]).all(), name
     for name in signals:

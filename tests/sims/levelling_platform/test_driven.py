@@ -21,7 +21,7 @@ def standing():
     builder = DiagramBuilder()
     station = Station(PLATFORM, on_level_ground(scenario, SensorScenario(), 405.0))
     machine = add(builder, station)
-    arm = add(builder, ConstantVectorSource(np.array([0.3])), "arm")
+    arm = add(builder, ConstantVectorSource(np.array([0.0, 0.3])), "arm")
     connect(builder, arm.get_output_port(), machine.GetInputPort("arm.position_command"))
     return station, make_simulator(builder, station)
 
@@ -31,7 +31,7 @@ def test_what_is_driven_stays_so_and_the_rest_is_idle_with_wheels_braked(standin
     context = station.GetMyContextFromRoot(simulator.get_context())
     ports = [station.get_input_port(i) for i in range(station.num_input_ports())]
     values = {port.get_name(): port.Eval(context).tolist() for port in ports}
-    driven = {"arm.position_command": [0.3], "wheels.brake": [1.0]}
+    driven = {"arm.position_command": [0.0, 0.3], "wheels.brake": [1.0]}
     assert driven.items() <= values.items()
     assert all(not any(value) for name, value in values.items() if name not in driven)
 

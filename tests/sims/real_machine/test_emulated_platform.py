@@ -41,7 +41,7 @@ for library in ("nidaqmx", "grpc", "canopen", "can", "serial", "mcap"):
 # Where programs may not have a priority, others delay heartbeats by more than a wheel bears, and
 # resets by more than the card does.
 PATIENT = ("hardware.drivers.2.heartbeat_timeout_ms=500", "hardware.drivers.0.watchdog_ms=500")
-PARTS = ("arm", "imu", "legs", "turntable", "wheels")
+PARTS = ("arm", "imu", "legs", "wheels")
 HEIGHTS = itertools.cycle((485.0, 470.0))
 
 

@@ -30,7 +30,6 @@ hardware:
     - !Adis16448SpiImu {}
     - !Epos2Wheels {}
     - !NotFittedPart {part: arm}
-    - !NotFittedPart {part: turntable}
 """
 SERIAL = """
 hardware:
@@ -40,7 +39,6 @@ hardware:
     - !Adis16448SpiImu {}
     - !Epos2Wheels {}
     - !NotFittedPart {part: arm}
-    - !NotFittedPart {part: turntable}
 """
 DRIVING = {
     "legs.voltage": [1.0, -1.0, 1.0, 0.0],

@@ -1,0 +1,144 @@
+"""Drives that are where they are commanded to be, as far as their limits let them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.ports import elements, read
+
+# Share of a limit by which a command that keeps to it may exceed it, as numbers are rounded [-].
+_ROUNDED = 1e-6
+
+
+@dataclass(frozen=True)
+class PositionDriveParams:
+    """Limits of one drive.
+
+    Attributes:
+        max_velocity: largest velocity [rad/s or m/s].
+        max_acceleration: largest acceleration [rad/s^2 or m/s^2].
+        lower: smallest position [rad or m].
+        upper: largest position [rad or m].
+        time_constant: time constant with which the position follows its command [s]; 0: at once.
+    """
+
+    max_velocity: float = math.inf
+    max_acceleration: float = math.inf
+    lower: float = -math.inf
+    upper: float = math.inf
+    time_constant: float = 0.0
+
+
+class PositionDrive(LeafSystem):
+    """Servo drives of an arm: at their commands while these keep to the drives' limits.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `position_command` | n | rad or m | where the drives are to be |
+    | out `position` | n | rad or m | where the drives are |
+    | out `state` | 2n | rad or m, and per s | positions, and mean velocities of the last period |
+    | out `position_measured` | n | rad or m | encoder: position at the last sample |
+    | out `velocity_measured` | n | rad/s or m/s | way between the last two samples by the period |
+
+    A drive whose command moves within its limits is exactly there. To a command that is further
+    away it goes as fast as it can, and brakes in time. With a command that stops it stops at once:
+    that is up to the command, and arriving it does so from three periods' acceleration at most.
+
+    State: discrete, positions at the last sample and at the one before (2n), updated every period.
+
+    Bad input: a command that is not finite is not followed; the drive brakes.
+
+    Args:
+        params: limits of each drive.
+        period: period of the samples [s].
+    """
+
+    def __init__(self, params: Sequence[PositionDriveParams], period: float = 0.01):
+        super().__init__()
+        self.set_name("position_drive")
+        self._params, self._period = tuple(params), period
+        count = len(self._params)
+        self._command = self.DeclareVectorInputPort("position_command", count)
+        self._samples: Any = self.DeclareDiscreteState(2 * count)
+        state = self.discrete_state_ticket(self._samples)
+        moving = {state, self._command.ticket()}
+        self.DeclareVectorOutputPort("position", count, self._calc_position, moving)
+        self.DeclareVectorOutputPort("state", 2 * count, self._calc_state, moving)
+        self.DeclareVectorOutputPort("position_measured", count, self._calc_measured, {state})
+        self.DeclareVectorOutputPort("velocity_measured", count, self._calc_velocity, {state})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def set_position(self, context: Context, position: ArrayLike) -> None:
+        """Puts the drives at rest at the given positions (n) [rad or m]."""
+        context.SetDiscreteState(self._samples, np.tile(np.asarray(position, float), 2))
+
+    def _sampled(self, context: Context) -> tuple[list[float], list[float]]:
+        """Positions (n), and mean velocities (n) of the last period."""
+        samples = elements(context.get_discrete_state(self._samples))
+        count = len(self._params)
+        position, before = samples[:count], samples[count:]
+        return position, [(p - q) / self._period for p, q in zip(position, before, strict=True)]
+
+    def _positions(self, context: Context) -> list[float]:
+        position, velocity = self._sampled(context)
+        return [
+            _led(params, self._period, *motion)
+            for params, *motion in zip(
+                self._params, position, velocity, read(self._command, context), strict=True
+            )
+        ]
+
+    def _calc_position(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array(self._positions(context)))
+
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
+        _, velocity = self._sampled(context)
+        output.SetFromVector(np.array([*self._positions(context), *velocity]))
+
+    def _calc_measured(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array(self._sampled(context)[0]))
+
+    def _calc_velocity(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array(self._sampled(context)[1]))
+
+    def _update(self, context: Context, discrete_state: Any) -> None:
+        position, _ = self._sampled(context)
+        discrete_state.set_value(np.array([*self._positions(context), *position]))
+
+
+def _led(
+    params: PositionDriveParams, period: float, position: float, velocity: float, command: float
+) -> float:
+    """Position of a drive, from those of the last sample."""
+    change = params.max_acceleration * period
+    if not math.isfinite(command):
+        stopped = clamp(0.0, velocity - change, velocity + change)
+        return clamp(position + period * stopped, params.lower, params.upper)
+    command = clamp(command, params.lower, params.upper)
+    if params.time_constant:
+        command = position - math.expm1(-period / params.time_constant) * (command - position)
+    missing, more = command - position, 1.0 + _ROUNDED
+    slowest = max(min(velocity - change, 0.0), -params.max_velocity)
+    fastest = min(max(velocity + change, 0.0), params.max_velocity)
+    if more * slowest * period <= missing <= more * fastest * period:
+        return command
+    speed = min(params.max_velocity, _stopping_speed(abs(missing), change, period))
+    speed = clamp(math.copysign(speed, missing), velocity - change, velocity + change)
+    return clamp(position + period * speed, params.lower, params.upper)
+
+
+def _stopping_speed(way: float, change: float, period: float) -> float:
+    """Largest speed from which a drive that slows down by `change` a period stops in a way.
+
+    From a speed v that takes period (v^2 / 2 change + v / 2).
+    """
+    if math.isinf(change):
+        return way / period
+    half = 0.5 * change
+    return math.sqrt(half * half + 2.0 * change * way / period) - half
