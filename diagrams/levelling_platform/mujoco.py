@@ -4,6 +4,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
+from parapod.diagrams.levelling_platform.tip import applied_force, motion_in
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_platform,
@@ -11,6 +12,7 @@ from parapod.diagrams.levelling_platform.model import (
 )
 from parapod.diagrams.levelling_platform.plants import (
     Drives,
+    PlatformPlant,
     draw_as_full,
     led_legs,
     observe,
@@ -18,8 +20,8 @@ from parapod.diagrams.levelling_platform.plants import (
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.mujoco import draw, make_plant
-from parapod.diagrams.simulated import Plant
 from parapod.diagrams.wiring import add, connect
+from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.physics.mujoco.model import MujocoModel
@@ -32,7 +34,7 @@ def add_mujoco_plant(
     beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
-) -> Plant[Beginning]:
+) -> PlatformPlant:
     """Adds the plant of rigid bodies; translated from Drake's, so that both are one machine.
 
     Raises:
@@ -75,7 +77,12 @@ def add_mujoco_plant(
         bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
         put_on_ground(observers, root_context, beginning)
 
-    return Plant(signals, put)
+    def bend(rod: FlexibleArm) -> None:
+        applied = applied_force(builder, model, rod)
+        connect(builder, applied, bodies.GetInputPort("applied_force"))
+
+    motion = motion_in(builder, model, state)
+    return PlatformPlant(signals, put, motion=motion, bend=bend)
 
 
 def _drive(

@@ -19,6 +19,13 @@ from pydrake.systems.primitives import (
 )
 
 from parapod.diagrams.drawing import remove_visuals
+from parapod.diagrams.levelling_platform.tip import (
+    ArmMotion,
+    add_tip,
+    applied_force,
+    motion_in,
+    without_rod,
+)
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_drawing,
@@ -34,6 +41,7 @@ from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.position_drive import PositionDrive, PositionDriveParams
 from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
@@ -70,9 +78,24 @@ class Drives:
     arm: PositionDrive | None
 
 
+@dataclass(frozen=True)
+class PlatformPlant(Plant[Beginning]):
+    """A plant with an arm on it.
+
+    Attributes:
+        motion: motion of platform and arm; None: there is no arm.
+        bend: has a rod that bends act on it.
+    """
+
+    motion: ArmMotion | None = None
+    bend: Callable[[FlexibleArm], None] = lambda rod: None
+
+
 type PlantMaker = Callable[
-    [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], Plant[Beginning]
+    [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], PlatformPlant
 ]
+# Longest step of a rod that bends on rigid bodies [s].
+_ROD_STEP = 5e-3
 # Signals that are for sensors alone.
 _HIDDEN = ("attitude", "angular_velocity", "specific_force")
 
@@ -83,7 +106,7 @@ def add_multibody_plant(
     beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
-) -> Plant[Beginning]:
+) -> PlatformPlant:
     """Adds the plant of rigid bodies with closed loops and contact."""
     plant, scene_graph = add_discrete_plant(
         builder, scenario.plant.time_step, scenario.plant.contact_approximation
@@ -122,7 +145,12 @@ def add_multibody_plant(
         model.put(context, beginning.positions(model), beginning.ground, beginning.foot_offsets)
         put_on_ground(observers, root_context, beginning)
 
-    return Plant(signals, put, model=model)
+    def bend(rod: FlexibleArm) -> None:
+        applied = applied_force(builder, model, rod)
+        connect(builder, applied, plant.get_applied_generalized_force_input_port())
+
+    motion = motion_in(builder, model, state)
+    return PlatformPlant(signals, put, model=model, motion=motion, bend=bend)
 
 
 def put_on_ground(
@@ -293,11 +321,13 @@ def add_kinematic_plant(
     beginning: Beginning,
     drives: Drives,
     meshcat: Meshcat | None,
-) -> Plant[Beginning]:
+) -> PlatformPlant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
+    masses, is_flexible = scenario.machine.masses, scenario.machine.flexible_rod is not None
     statics = KinematicPlatform(
         scenario.geometry_as_built,
-        scenario.machine.masses,
+        # All of the weight of a rod that bends is in its wrench.
+        replace(masses, arm=without_rod(masses.arm)) if is_flexible else masses,
         scenario.machine.wheel_geometry,
         ground=beginning.ground,
         foot_offsets=beginning.foot_offsets,
@@ -305,21 +335,23 @@ def add_kinematic_plant(
     platform = add(builder, statics)
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
+    motion = None
     if drives.arm is not None:
         arm = drives.arm.GetOutputPort("position")
         connect(builder, arm, platform.GetInputPort("arm_position"))
+        motion = ArmMotion(platform.GetOutputPort("base_pose"), drives.arm.GetOutputPort("state"))
     stance = add(builder, Demultiplexer([3, 9, 4, 4, 4]), "stance_parts")
     connect(builder, platform.GetOutputPort("stance"), stance.get_input_port(0))
     names = ("posture", "inertial_motion", "contact_force", "load_force", "foot_height")
     signals = {name: stance.get_output_port(i) for i, name in enumerate(names)}
-    motion = signals.pop("inertial_motion")
+    inertial = signals.pop("inertial_motion")
     # The inertial sensor samples at instants of its own; held, the platform's statics are solved
     # once a period and not again for every sample.
     hold = add(builder, Hold(scenario.control.period, beginning.inertial_motion), "held_motion")
     parts = add(builder, Demultiplexer(9, 3), "inertial_motion_parts")
     for i, name in enumerate(("attitude", "angular_velocity", "specific_force")):
         signals[name] = parts.get_output_port(i)
-    connect(builder, motion, hold.get_input_port())
+    connect(builder, inertial, hold.get_input_port())
     connect(builder, hold.get_output_port(), parts.get_input_port(0))
     no_loops = add(builder, ConstantVectorSource(np.zeros(LEG_COUNT)), "no_loops")
     signals["loop_error"] = no_loops.get_output_port()
@@ -339,7 +371,11 @@ def add_kinematic_plant(
             geometry=scenario.machine.geometry,
             structure=scenario.machine.structure,
         )
-    return Plant(signals, put)
+
+    def bend(rod: FlexibleArm) -> None:
+        connect(builder, rod.GetOutputPort("wrench"), platform.GetInputPort("load"))
+
+    return PlatformPlant(signals, put, motion=motion, bend=bend)
 
 
 def add_simulated(
@@ -368,6 +404,9 @@ def add_simulated(
     drives = Drives(rods=actuators, wheels=wheels.GetOutputPort("state"), arm=arm)
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
     simulation.add_plant(plant, _HIDDEN)
+    if plant.motion is not None:
+        rod_step = max(1, int(_ROD_STEP / step)) * step
+        add_tip(simulation, scenario, plant.motion, plant.bend, rod_step)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
     simulation.outputs["truth.extension"] = actuators.GetOutputPort("extension")
     _add_leg_sensors(simulation, scenario, actuators, plant.signals["contact_force"])

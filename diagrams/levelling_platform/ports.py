@@ -182,6 +182,8 @@ def _arm_ports(arm: SerialArm) -> tuple[Port, ...]:
             size=arm.count,
             elements=names,
         ),
+        Truth("tip_pose", 7, "-, -, -, -, m, m, m", "quaternion and place of its tip"),
+        Truth("tip_deflection", 3, "m", "tip from where a rigid arm has it, by the last link"),
         Inner("arm_refused", "0/1", "1 while the requested move of the arm is refused"),
         Inner("arm_margin", "m", "least stability margin along the requested move"),
     )

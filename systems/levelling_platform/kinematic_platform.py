@@ -10,13 +10,16 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.ports import read
 from parapod.systems.core.remembered import Remembered
+from parapod.systems.core.triples import dot, minus, scaled
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
     NO_OFFSETS,
     OnInclinedGround,
 )
+from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.model import standing_pose
+from parapod.systems.levelling_platform.plane import normal_of, to_world
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
     Load,
@@ -56,7 +59,7 @@ class KinematicPlatform(OnInclinedGround):
     | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
     | out `load_force` | 4 | N | force with which the actuators hold, positive to extend |
     | out `foot_height` | 4 | m | of the feet above the ground, zero where they carry |
-    | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position, above the origin |
+    | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position |
     | out `stance` | 24 | as these | posture, inertial motion, contact, load, heights of the feet |
 
     `load` is that of what bends, whose mass the arm of `params` does not have.
@@ -65,6 +68,8 @@ class KinematicPlatform(OnInclinedGround):
     one would have to pull, its foot lifts and the other three carry. With wheels these carry
     where the feet do not. Ideal friction: the feet stay where they stand sideways, and yaw is
     zero; where the wheels have driven to is left out.
+
+    The middle of the four feet is at the world's origin.
 
     All of it is one solution, and `stance` shows it in one vector: where several signals are read
     at every step, a C++ `Demultiplexer` behind `stance` costs less than their own ports.
@@ -95,6 +100,7 @@ class KinematicPlatform(OnInclinedGround):
         super().__init__(ground, foot_offsets)
         self.set_name("kinematic_platform")
         self._solved = Remembered(functools.partial(_solved, geometry, params, wheels))
+        self._legs = geometry.legs
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._at_zero = [0.0] * params.arm.count
@@ -122,8 +128,17 @@ class KinematicPlatform(OnInclinedGround):
         return part_of_stance
 
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
-        posture = self.part(context, STANCE["posture"]).tolist()
-        output.SetFromVector(standing_pose(posture, self._ground_of(context)))
+        roll, pitch, _ = posture = self.part(context, STANCE["posture"]).tolist()
+        ground = self._ground_of(context)
+        pose = standing_pose(posture, ground)
+        legs = zip(self._legs, read(self._extension, context), strict=True)
+        to_centre = [to_world(foot_to_centre(leg, d), roll, pitch) for leg, d in legs]
+        n = normal_of(*ground)
+        # F is over the middle of the feet: what is along the ground counts from there.
+        x, y, z = (0.25 * sum(parts) for parts in zip(*to_centre, strict=True))
+        middle = minus((x, y, z), scaled(n, dot(n, (x, y, z))))
+        pose[4:] += middle
+        output.SetFromVector(pose)
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero

@@ -130,6 +130,16 @@ class MujocoModel:
             self.data.mocap_quat[mocap] = X_WB.rotation().ToQuaternion().wxyz()
         return self.read_state()
 
+    def apply(self, force: NDArray[np.float64]) -> None:
+        """Has a generalized force act in the next step of what is in the scratch memory.
+
+        Args:
+            force: along the plant's velocities [N m, N].
+        """
+        q, _ = np.split(self._maps.to_plant(self.data.qpos, self.data.qvel), [self.model.nq])
+        # Forces turn as the velocities do along which they act.
+        _, self.data.qfrc_applied[:] = self._maps.to_mujoco(q, force)
+
     def step(self) -> None:
         """Steps what is in the scratch memory."""
         self._mujoco.mj_step(self.model, self.data)

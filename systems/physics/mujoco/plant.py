@@ -27,6 +27,7 @@ class MujocoPlant(LeafSystem):
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `desired_state` | 2k | m, rad, and their rates | what the drives are led to |
+    | in `applied_force` | v | N m, N | along the plant's velocities; unconnected: 0 |
     | out `holding_force` | k | N, N m | with which the drives held in the last step |
     | out `state` | m | m, rad, and their rates | positions and velocities of the plant |
     | out `contact_force` | f | N | normal contact forces on the feet in the last step |
@@ -42,7 +43,8 @@ class MujocoPlant(LeafSystem):
 
     Parameters (Context): inertias and places of the model's loads, see `MujocoModel.loads_of`.
 
-    Bad input: a drive whose command is not finite, or absurd, is led to where it is.
+    Bad input: a drive whose command is not finite, or absurd, is led to where it is; an applied
+    force of that kind counts as zero.
     """
 
     def __init__(
@@ -65,6 +67,8 @@ class MujocoPlant(LeafSystem):
         self._drives = _Drives(model, groups)
         count = self._drives.count
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * count)
+        size = model.plant.num_velocities()
+        self._applied = self.DeclareVectorInputPort("applied_force", size)
         context = model.plant.CreateDefaultContext() if begins is None else begins
         loads, physics, forces = self._beginning(context)
         self._loads = self.DeclareNumericParameter(BasicVector(loads))
@@ -131,6 +135,10 @@ class MujocoPlant(LeafSystem):
     def _update_state(self, context: Context, discrete_state: DiscreteValues) -> None:
         physics = self._restore(context)
         control = self._drives.control(read_array(self._desired, context), physics)
+        if self._applied.HasValue(context):
+            applied = read_array(self._applied, context)
+            absurd = not np.abs(applied).max() < _LARGEST
+            self.model.apply(np.zeros_like(applied) if absurd else applied)
         forces = self._step(control)
         discrete_state.set_value(_PHYSICS, self.model.read_state())
         discrete_state.set_value(_FORCES, forces)

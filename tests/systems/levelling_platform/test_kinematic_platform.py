@@ -122,8 +122,14 @@ def test_posture_of_stiff_feet_is_forward_kinematics(stand, geometry):
     np.testing.assert_allclose(output["attitude"], (*POSTURE[:2], 0.0), rtol=0, atol=1e-6)
     np.testing.assert_allclose(output["foot_height"], 0.0, atol=1e-9)
     quaternion = RollPitchYaw(*POSTURE[:2], 0.0).ToQuaternion().wxyz()
-    expected = (*quaternion, *(POSTURE[2] * rotation(GROUND)[:, 2]))
-    np.testing.assert_allclose(output["base_pose"], expected, rtol=0, atol=1e-6)
+    pose = output["base_pose"]
+    np.testing.assert_allclose(pose[:4], quaternion, rtol=0, atol=1e-6)
+    normal = rotation(GROUND)[:, 2]
+    assert normal @ pose[4:] == pytest.approx(POSTURE[2], abs=1e-6)
+    # The middle of the feet stays at the origin.
+    feet = pose[4:] + feet_of(extension, geometry) @ rotation(POSTURE).T
+    middle = feet.mean(axis=0)
+    np.testing.assert_allclose(middle - normal * (normal @ middle), 0.0, atol=1e-6)
 
 
 def test_platform_sinks_by_force_over_stiffness(stand):
