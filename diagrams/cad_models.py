@@ -22,37 +22,66 @@ class OwnModel:
         key: key of the file in the scenario; those of its frames and joints are beside it.
         urdf: URDF or SDFormat file, or a `package://` URL; empty: the drawn part.
         frame: link or frame by which it is fixed.
-        joints: its joints that are driven; every other one is fixed.
+        joints: joints of an arm that are driven, from its frame to its tip; empty: all that move
+            between these; every other one is fixed.
+        tip: link or frame that is the tip of an arm.
     """
 
     key: str
     urdf: str = ""
     frame: str = ""
     joints: tuple[str, ...] = ()
+    tip: str = ""
 
-    def add(
-        self, plant: MultibodyPlant, name: str
-    ) -> tuple[ModelInstanceIndex, Frame, tuple[Joint, ...]]:
-        """Adds it to a plant that is not finalized; returns it, its frame and its joints.
+    def add(self, plant: MultibodyPlant, name: str) -> Frame:
+        """Adds a part without joints to a plant that is not finalized; returns its frame.
 
         Args:
             plant: the plant.
             name: name of the model instance.
 
         Raises:
-            ScenarioError: the file cannot be read, has no mass, or no link or joint of a name;
-                names those that it has.
+            ScenarioError: the file cannot be read, has no mass, a joint that moves, or no link of
+                the frame's name; names those that it has.
         """
+        instance, group = self._parse(plant, name), self.key.rpartition(".")[0]
+        frame = find_frame(plant, instance, self.frame, f"{group}.frame", self.urdf)
+        find_joints(plant, instance, (), f"{group}.joints", self.urdf)
+        return frame
+
+    def add_arm(self, plant: MultibodyPlant, name: str) -> tuple[Frame, tuple[Joint, ...], Frame]:
+        """Adds an arm to a plant that is not finalized; returns its mount, joints and tip.
+
+        Args:
+            plant: the plant.
+            name: name of the model instance.
+
+        Raises:
+            ScenarioError: as `add`; or joints that are not those that move the tip.
+        """
+        instance, group = self._parse(plant, name), self.key.rpartition(".")[0]
+        mount = find_frame(plant, instance, self.frame, f"{group}.mount", self.urdf)
+        tip = find_frame(plant, instance, self.tip, f"{group}.tip", self.urdf)
+        way = _joints_between(plant, mount, tip, f"{group}.tip", self.urdf)
+        names, key = tuple(joint.name() for joint in way), f"{group}.joints"
+        joints = find_joints(plant, instance, self.joints or names, key, self.urdf)
+        if joints != way:
+            order = ", ".join(names) or "none"
+            raise ScenarioError(
+                f"{key}: from {quoted(self.frame)} to {quoted(self.tip)} of {quoted(self.urdf)} "
+                f"the joints that move are: {order}",
+                key,
+            )
+        return mount, joints, tip
+
+    def _parse(self, plant: MultibodyPlant, name: str) -> ModelInstanceIndex:
         instance = parse_model(plant, self.urdf, self.key)
         plant.RenameModelInstance(instance, name)
-        group = self.key.rpartition(".")[0]
-        frame = find_frame(plant, instance, self.frame, f"{group}.frame", self.urdf)
-        joints = find_joints(plant, instance, self.joints, f"{group}.joints", self.urdf)
         bodies = map(plant.get_body, plant.GetBodyIndices(instance))
         mass = sum(body.default_mass() for body in bodies)
         if not mass > 0.0:
             raise ScenarioError(f"{self.key} = {quoted(self.urdf)} has no mass", self.key)
-        return instance, frame, joints
+        return instance
 
 
 def parse_model(plant: MultibodyPlant, urdf: str, key: str) -> ModelInstanceIndex:
@@ -148,6 +177,32 @@ def find_frame(
             f"{key} = {quoted(name)} is not a link of {quoted(urdf)}; there are: {names}", key
         )
     return plant.GetFrameByName(name, instance)
+
+
+def _joints_between(
+    plant: MultibodyPlant, mount: Frame, tip: Frame, key: str, urdf: str
+) -> tuple[Joint, ...]:
+    """Joints that move a tip against a mount, from the mount on.
+
+    Raises:
+        ScenarioError: the tip hangs on another link than the mount.
+    """
+    above = {
+        joint.child_body().index(): joint
+        for joint in map(plant.get_joint, plant.GetJointIndices(tip.model_instance()))
+    }
+    body, joints = tip.body(), []
+    while body.index() != mount.body().index():
+        joint = above.get(body.index())
+        if joint is None:
+            raise ScenarioError(
+                f"{key} = {quoted(tip.name())} of {quoted(urdf)} does not hang on "
+                f"{quoted(mount.name())}",
+                key,
+            )
+        joints.append(joint)
+        body = joint.parent_body()
+    return tuple(joint for joint in reversed(joints) if joint.num_velocities() > 0)
 
 
 def find_joints(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from parapod.diagrams.levelling_platform.arm_admission import arm_faults
 from parapod.systems.core.errors import ScenarioError
 
 # Depth of the wheels in the ground in the lowest posture that is rounding [m].
@@ -16,7 +17,7 @@ type Refusal = tuple[str, str]
 
 
 def check_platform(design: Any) -> None:
-    """Refuses a platform that cannot stand, tips over, or cannot lift itself.
+    """Refuses a platform that cannot stand, tips over, or cannot lift itself or hold its arm.
 
     Args:
         design: `PlatformDesign` of a platform whose legs reach a level posture.
@@ -25,7 +26,7 @@ def check_platform(design: Any) -> None:
         ScenarioError: names the key, and the admissible values.
     """
     rules: tuple[Callable[[Any], Iterator[Refusal]], ...] = (
-        _crossed, _stopped, _flat, _grounded, _on_wheels, _tipped, _weak,
+        _crossed, _stopped, _flat, _grounded, _on_wheels, arm_faults, _tipped, _weak,
     )  # fmt: skip
     for rule in rules:
         for key, reason in rule(design):

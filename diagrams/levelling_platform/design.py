@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from parapod.diagrams.bodies import Body, BodyScenario, body_of, in_si
 from parapod.diagrams.levelling_platform.admission import check_platform
+from parapod.diagrams.levelling_platform.arms import ArmDesign, Rod
 from parapod.diagrams.levelling_platform.masses import masses_of
 from parapod.diagrams.levelling_platform.model import (
-    ARM_JOINTS,
     OwnModel,
     PlatformStructure,
 )
 from parapod.diagrams.levelling_platform.parts import (
     ActuatorScenario,
-    ArmDesign,
     BaseDesign,
     LegDesign,
     LegsDesign,
     SensorScenario,
     WheelsDesign,
 )
+from parapod.systems.actuators.position_drive import PositionDriveParams
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema
 from parapod.systems.levelling_platform.fault_detection import FaultDetectorParams
@@ -67,6 +67,9 @@ _LOWERING, _RAISING = 0.025, 0.05
 # Height at which the paper's platform works [m]; share of an actuator's speed that a posture's way
 # may take [-].
 _PAPER_HEIGHT, _SHARE_OF_SPEED = 0.477, 0.5
+# Shares of the drives' speed and acceleration that supervised moves of the arm take: those of
+# moves of twice the shortest duration [-].
+_MOVING = 0.5, 0.25
 # Distances, on a platform of the paper's size, of a leg from where it touched the ground and from
 # its goal, of the wheels from the ground, of feet from the measured ground [m].
 _TOUCHED, _ARRIVED, _CLEARANCE, _FEET = 3e-5, 2e-4, 1e-3, 4e-3
@@ -93,7 +96,8 @@ class PlatformDesign(Schema):
         rod: rod of an actuator.
         wheel: each wheel.
         wheels: see `WheelsDesign`.
-        arm: see `ArmDesign`.
+        arm: one of `!Rod`, `!FlexibleRod`, `!Urdf` and `!None`; without a tag `!Rod`. See
+            `ArmDesign`.
         actuators: see `ActuatorScenario`.
         sensors: see `SensorScenario`.
     """
@@ -109,7 +113,7 @@ class PlatformDesign(Schema):
     rod: BodyScenario = body_of(0.3)
     wheel: BodyScenario = body_of(1.2)
     wheels: WheelsDesign = field(default_factory=WheelsDesign)
-    arm: ArmDesign = field(default_factory=ArmDesign)
+    arm: ArmDesign = field(default_factory=Rod)
     actuators: ActuatorScenario = field(default_factory=ActuatorScenario)
     sensors: SensorScenario = field(default_factory=SensorScenario)
 
@@ -166,8 +170,13 @@ class PlatformDesign(Schema):
 
     @property
     def reach(self) -> ArmGeometry:
-        """Its arm, upright."""
-        return ArmGeometry(self.arm_base, self.arm.length_mm / 1e3)
+        """Its arm at zero, as a rod that stands upright."""
+        if self.arm.length is not None:
+            return ArmGeometry(self.arm_base, self.arm.length)
+        arm = self.masses.arm
+        x, y, z = arm.tip_pose([0.0] * arm.count).place
+        length = max(0.0, z - self.arm_base[2])
+        return ArmGeometry((x, y, z - length), length)
 
     @property
     def level_heights(self) -> tuple[float, float]:
@@ -198,8 +207,7 @@ class PlatformDesign(Schema):
         """Its links by their names in `parapod.urdf.levelling_platform`."""
         names = ("hip", "lower_link", "coupler", "roller", "cylinder", "rod", "wheel")
         bodies = {name: getattr(self, name).body for name in names}
-        arm = {name: getattr(self.arm, name).body for name in ("mount", "turntable", "link")}
-        return bodies | arm | {"base": self.base.body.body}
+        return bodies | self.arm.bodies | {"base": self.base.body.body}
 
     @property
     def structure(self) -> PlatformStructure:
@@ -209,20 +217,20 @@ class PlatformDesign(Schema):
             ScenarioError: as `geometry`.
         """
         arm, actuators = self.arm, self.actuators
-        if len(arm.joints) != len(ARM_JOINTS):
-            key = "machine.arm.joints"
-            raise ScenarioError(f"{key} must name two joints, not {len(arm.joints)}", key)
         return PlatformStructure(
             stretch=self.stretch,
             wheels=self.wheel_geometry,
             arm_base=self.arm_base,
-            arm_length=arm.length_mm / 1e3,
-            arm_stiffness=arm.stiffness_Nm_rad,
+            arm_length=arm.length,
+            arm_drives=tuple(
+                (drive.stiffness_Nm_rad, drive.max_effort_Nm)
+                for drive in arm.each_drive or [arm.drives]
+            ),
             stops=self.stops,
             rod_stiffness=1e6 * actuators.stiffness_N_um,
             roll_damping=self.legs.roll_damping_Nms,
             base=OwnModel("machine.base.urdf", self.base.urdf, self.base.frame),
-            arm=OwnModel("machine.arm.urdf", arm.urdf, arm.frame, (arm.joints[0], arm.joints[1])),
+            arm=arm.own,
             bodies=tuple(self.bodies.items()),
         )
 
@@ -236,6 +244,7 @@ class PlatformDesign(Schema):
         masses = masses_of(self.geometry, self.structure)
         return replace(
             masses,
+            arm=self.arm.driven(masses.arm),
             foot_stiffness=1e6 * self.legs.stiffness_N_um,
             wheel_stiffness=1e6 * self.wheels.stiffness_N_um,
         )
@@ -247,7 +256,20 @@ class PlatformDesign(Schema):
         Raises:
             ScenarioError: as `geometry`.
         """
-        return StabilityMonitorParams(platform=self.masses)
+        masses, drives = self.masses, self.arm_drives
+        return StabilityMonitorParams(
+            rate=tuple(_MOVING[0] * drive.max_velocity for drive in drives),
+            acceleration=tuple(_MOVING[1] * drive.max_acceleration for drive in drives),
+            reach=tuple((joint.lower, joint.upper) for joint in masses.arm.joints),
+            platform=masses,
+        )
+
+    @property
+    def arm_drives(self) -> tuple[PositionDriveParams, ...]:
+        """Drives of its arm's joints (n)."""
+        joints = self.masses.arm.joints
+        settings = self.arm.drive_settings(len(joints))
+        return tuple(drive.drive_of(joint) for joint, drive in zip(joints, settings, strict=True))
 
     @property
     def stops(self) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from typing import Any
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.diagrams.levelling_platform.arm_admission import check_swing
 from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.mujoco import add_mujoco_plant
 from parapod.diagrams.levelling_platform.plants import (
@@ -47,7 +48,11 @@ def make_script(scenario: LevellingScenario) -> PostureScript:
 
 
 def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
-    """The trigger of the levelling, and the arm's swing where there is an arm."""
+    """The trigger of the levelling, and the arm's swing where there is an arm.
+
+    Raises:
+        ScenarioError: a swing that the arm's drives cannot follow, or that hits the ground.
+    """
     job = scenario.job
     trigger = PiecewisePolynomial.ZeroOrderHold(
         [0.0, job.estimate_at, job.estimate_at + 1e6], [[0.0, 1.0, 1.0]]
@@ -55,6 +60,8 @@ def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
     arm, sources = scenario.machine.masses.arm, [named_source("estimate_ground", trigger)]
     if arm.count:
         goal = arm.leaning(math.radians(job.arm.angle_deg))
+        keys = "job.arm.angle_deg", "job.arm.duration"
+        check_swing(scenario.machine, goal, job.arm.duration, keys)
         start = job.estimate_at + job.arm.start
         swing = swing_to(goal, start, job.arm.duration, start + job.arm.duration + 1e6)
         sources.append(named_source("arm.position_command", swing))

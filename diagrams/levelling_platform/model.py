@@ -91,27 +91,28 @@ class PlatformStructure:
         stretch: factors by which the base is larger than the drawn one.
         wheels: its wheels.
         arm_base: base of its arm, from F [m].
-        arm_length: length of the drawn arm [m].
-        arm_stiffness: stiffness of the arm's drives [N m/rad].
+        arm_length: length of the drawn arm [m]; None: another arm, or none.
+        arm_drives: stiffness [N m/rad] and largest effort [N m] of the drives of the arm's joints,
+            one for all or one for each.
         stops: end stops of the actuators [m].
         rod_stiffness: axial stiffness of an actuator's rod [N/m].
         roll_damping: damping of a roller's bearing [N m s/rad]; None: the drawn one's, by mass and
             size.
         base: base of the user's own.
-        arm: arm of the user's own.
+        arm: arm of the user's own, if it has one.
         bodies: masses of its links by their names; those of others are as drawn, by volume.
     """
 
     stretch: tuple[float, float, float] = (1.0, 1.0, 1.0)
     wheels: WheelGeometry = WheelGeometry()  # noqa: RUF009
     arm_base: tuple[float, float, float] = ARM_BASE
-    arm_length: float = 2.02
-    arm_stiffness: float = 2e4
+    arm_length: float | None = 2.02
+    arm_drives: tuple[tuple[float, float], ...] = ((2e4, math.inf),)
     stops: tuple[float, float] = (0.38, 0.46)
     rod_stiffness: float = 1e8
     roll_damping: float | None = None
     base: OwnModel = OwnModel("machine.base.urdf")  # noqa: RUF009
-    arm: OwnModel = OwnModel("machine.arm.urdf")  # noqa: RUF009
+    arm: OwnModel | None = None
     bodies: tuple[tuple[str, Body], ...] = ()
 
     @property
@@ -205,8 +206,7 @@ def add_base(parser: Parser, structure: PlatformStructure) -> Frame:
     instance = add_adapted_model(parser, BASE, "base", fit)
     base = plant.GetFrameByName("base", instance)
     if own.urdf:
-        _, frame, _ = own.add(plant, "own_base")
-        plant.WeldFrames(base, frame)
+        plant.WeldFrames(base, own.add(plant, "own_base"))
     return base
 
 
@@ -272,31 +272,39 @@ def _fix_wheels(plant: MultibodyPlant, pairs: Sequence[tuple[Frame, Frame]], whe
 def add_arm(
     parser: Parser, base: Frame, structure: PlatformStructure
 ) -> tuple[tuple[Joint, ...], Frame]:
-    """Adds the drawn arm, or the user's own; returns its joints in their order, and its tip."""
-    plant, own = parser.plant(), structure.arm
+    """Adds the drawn arm, the user's own or none; returns its joints in their order, and its tip.
+
+    Args:
+        parser: parser of the plant.
+        base: frame of the platform's centre F.
+        structure: the platform.
+
+    Raises:
+        ScenarioError: a file of an arm of one's own that does not do.
+    """
+    plant = parser.plant()
     X_FB = RigidTransform(np.array(structure.arm_base))
     mount: Any = plant.AddFrame(FixedOffsetFrame("arm_mount", base, X_FB))
-    # Where the arm stands upright, the tip is above its base.
-    X_BT = RigidTransform(np.array([0.0, 0.0, structure.arm_length]))
-    tip: Any = plant.AddFrame(FixedOffsetFrame("arm_tip", mount, X_BT))
-    stiffness = structure.arm_stiffness
-    gains = PdControllerGains(p=stiffness, d=_ARM_DAMPING * stiffness)
-    if own.urdf:
-        instance, frame, joints = own.add(plant, "arm")
+    joints: tuple[Joint, ...] = ()
+    tip: Any = mount
+    if structure.arm is not None:
+        frame, joints, tip = structure.arm.add_arm(plant, "arm")
         plant.WeldFrames(mount, frame)
-        there = {
-            int(actuator.joint().index()): actuator
-            for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices(instance))
-        }
-        for joint in joints:
-            actuator = there.get(int(joint.index()))
-            if actuator is None:
-                actuator = plant.AddJointActuator(joint.name(), joint)
-            actuator.set_controller_gains(gains)
-        return joints, tip
+    elif structure.arm_length is not None:
+        joints, tip = _add_rod(parser, mount, structure, structure.arm_length)
+    drives = structure.arm_drives
+    _drive_joints(plant, joints, drives * (len(joints) if len(drives) == 1 else 1))
+    return joints, tip
+
+
+def _add_rod(
+    parser: Parser, mount: Frame, structure: PlatformStructure, length: float
+) -> tuple[tuple[Joint, ...], Frame]:
+    """Adds the drawn arm; returns its joints and its tip."""
+    plant = parser.plant()
     tall = structure.arm_base[2] / ARM_BASE[2]
     size = (tall, tall, tall) if tall > 0.0 else (1.0, 1.0, 1.0)
-    long = structure.arm_length / _ARM_LENGTH
+    long = length / _ARM_LENGTH
     stretches = {"mount": size, "turntable": size, "link": (size[0], size[1], long)}
 
     def fit(root: Element) -> None:
@@ -304,10 +312,31 @@ def add_arm(
             fit_link(root, name, stretch, structure.links.get(name))
 
     instance = add_adapted_model(parser, f"{_FOLDER}/arm.urdf", "arm", fit)
-    for name in ARM_JOINTS:
-        plant.GetJointActuatorByName(name, instance).set_controller_gains(gains)
     plant.WeldFrames(mount, plant.GetFrameByName("mount", instance))
+    X_LT = RigidTransform(np.array([0.0, 0.0, length]))
+    link = plant.GetFrameByName("link", instance)
+    tip: Any = plant.AddFrame(FixedOffsetFrame("arm_tip", link, X_LT))
     return tuple(plant.GetJointByName(name, instance) for name in ARM_JOINTS), tip
+
+
+def _drive_joints(
+    plant: MultibodyPlant, joints: Sequence[Joint], drives: Sequence[tuple[float, float]]
+) -> None:
+    """Gives joints drives of a stiffness and a largest effort each, in their order."""
+    own = [
+        actuator
+        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        if actuator.joint() in joints
+    ]
+    # Commands come in the order of the actuators.
+    if [actuator.joint() for actuator in own] != list(joints):
+        for actuator in own:
+            plant.RemoveJointActuator(actuator)
+        own = [plant.AddJointActuator(joint.name(), joint) for joint in joints]
+    for actuator, (stiffness, effort) in zip(own, drives, strict=True):
+        actuator.set_effort_limit(effort)
+        gains = PdControllerGains(p=stiffness, d=_ARM_DAMPING * stiffness)
+        actuator.set_controller_gains(gains)
 
 
 def fit_leg(

@@ -2,9 +2,8 @@
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.primitives import Multiplexer
 
-from parapod.diagrams.levelling_platform.tip import applied_force, motion_in
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_platform,
@@ -14,15 +13,16 @@ from parapod.diagrams.levelling_platform.plants import (
     Drives,
     PlatformPlant,
     draw_as_full,
+    efforts_of_legs,
     led_legs,
     observe,
     put_on_ground,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.tip import applied_force, motion_in
 from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.arm.flexible_arm import FlexibleArm
-from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.physics.mujoco.plant import MujocoPlant
@@ -55,7 +55,9 @@ def add_mujoco_plant(
     translated = MujocoModel(
         plant, scene_graph, model.balls, model.couplings, model.leg_bodies("roller")
     )
-    groups = [model.legs, (model.arm,)]
+    groups = [model.legs]
+    if model.arm_joints:
+        groups.append((model.arm,))
     if model.has_rolling_wheels:
         groups.append(model.wheels)
     bodies = add(builder, MujocoPlant(translated, groups))
@@ -93,10 +95,8 @@ def _drive(
     The forces are those of the last step: the loop from the actuators' next state to their load
     is not a loop of one instant.
     """
-    holding = bodies.GetOutputPort("holding_force")
-    parts = add(builder, Demultiplexer([LEG_COUNT, holding.size() - LEG_COUNT]), "efforts")
-    connect(builder, holding, parts.get_input_port(0))
-    legs, load_force = led_legs(builder, model, drives, parts.get_output_port(0))
+    holding = efforts_of_legs(builder, bodies.GetOutputPort("holding_force"))
+    legs, load_force = led_legs(builder, model, drives, holding)
     driven_parts = [legs]
     if drives.arm is not None:
         driven_parts.append(drives.arm.GetOutputPort("state"))

@@ -1,7 +1,7 @@
 """Parts of a levelling platform's design: legs, actuators, sensors, wheels, base, arm."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from parapod.diagrams.bodies import BodyScenario, body_of
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
@@ -233,33 +233,3 @@ class BaseDesign(Schema):
     body: BodyScenario = body_of(27.9)
     urdf: str = ""
     frame: str = "base"
-
-
-@dataclass
-class ArmDesign(Schema):
-    """The arm on its turntable.
-
-    Attributes:
-        base_mm: its base, on the turntable's axis, from the platform's centre F [mm]; null: 0, 20
-            and 145, by the hips' places.
-        length_mm: distance of the arm's tip from its base [mm]; the drawn arm is as long.
-        mount: part of the turntable that stands still.
-        turntable: part that turns.
-        link: the drawn arm with what it carries; its frame is in its joint, z along it.
-        stiffness_Nm_rad: stiffness of both joints' drives [N m/rad].
-        urdf: URDF or SDFormat file of an arm of one's own, or a `package://` URL; empty: the drawn
-            arm.
-        frame: its link or frame that is fixed to the platform, in the arm's base, z up.
-        joints: its joints that are driven: the turntable's about z, and the arm's, which swings it
-            forward; every other one must be fixed.
-    """
-
-    base_mm: list[float] | None = quantity(None, -_LONG, _LONG, length=3)
-    length_mm: float = quantity(2020.0, _SHORT, _LONG)
-    mount: BodyScenario = body_of(0.1)
-    turntable: BodyScenario = body_of(0.4)
-    link: BodyScenario = body_of(1.0)
-    stiffness_Nm_rad: float = quantity(2e4, 1.0, 1e9)  # noqa: N815
-    urdf: str = ""
-    frame: str = "mount"
-    joints: list[str] = field(default_factory=lambda: ["turntable", "arm"])

@@ -19,13 +19,6 @@ from pydrake.systems.primitives import (
 )
 
 from parapod.diagrams.drawing import remove_visuals
-from parapod.diagrams.levelling_platform.tip import (
-    ArmMotion,
-    add_tip,
-    applied_force,
-    motion_in,
-    without_rod,
-)
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_drawing,
@@ -34,6 +27,13 @@ from parapod.diagrams.levelling_platform.model import (
 )
 from parapod.diagrams.levelling_platform.ports import PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.tip import (
+    ArmMotion,
+    add_tip,
+    applied_force,
+    motion_in,
+    without_rod,
+)
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
@@ -257,14 +257,25 @@ def _drive_legs(
     count = plant.num_actuators()
     holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
     connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
-    # The legs' actuators come first.
-    parts = add(builder, Demultiplexer([LEG_COUNT, count - LEG_COUNT]), "efforts")
-    connect(builder, holding.get_output_port(), parts.get_input_port(0))
-    ahead, load_force = led_legs(builder, model, drives, parts.get_output_port(0))
+    efforts = efforts_of_legs(builder, holding.get_output_port())
+    ahead, load_force = led_legs(builder, model, drives, efforts)
     split = split_states(builder, "leg_states", ahead, LEG_COUNT)
     for port, leg in zip(split, model.legs, strict=True):
         connect(builder, port, plant.get_desired_state_input_port(leg))
     return load_force
+
+
+def efforts_of_legs(builder: DiagramBuilder, efforts: OutputPort) -> OutputPort:
+    """Efforts (4) of the legs' joints, whose actuators come first.
+
+    Args:
+        builder: builder of the station.
+        efforts: efforts of all actuators.
+    """
+    rest = efforts.size() - LEG_COUNT
+    parts = add(builder, Demultiplexer([LEG_COUNT, *((rest,) if rest else ())]), "efforts")
+    connect(builder, efforts, parts.get_input_port(0))
+    return parts.get_output_port(0)
 
 
 def led_legs(
@@ -323,7 +334,7 @@ def add_kinematic_plant(
     meshcat: Meshcat | None,
 ) -> PlatformPlant:
     """Adds the quasi-static plant, and with `meshcat` a drawing of it."""
-    masses, is_flexible = scenario.machine.masses, scenario.machine.flexible_rod is not None
+    masses, is_flexible = scenario.machine.masses, scenario.machine.arm.bending is not None
     statics = KinematicPlatform(
         scenario.geometry_as_built,
         # All of the weight of a rod that bends is in its wrench.
@@ -400,7 +411,7 @@ def add_simulated(
     actuators = _add_actuators(simulation, scenario.machine.actuators.params, step)
     drive = scenario.machine.wheels.drive
     wheels = simulation.add_drives(VelocityServo(drive, WHEEL_COUNT, period), "wheels")
-    arm = _add_arm(simulation, scenario)
+    arm = _add_arm(simulation, scenario.machine.arm_drives, period)
     drives = Drives(rods=actuators, wheels=wheels.GetOutputPort("state"), arm=arm)
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
     simulation.add_plant(plant, _HIDDEN)
@@ -436,13 +447,12 @@ def _add_actuators(
 
 
 def _add_arm[B](
-    simulation: Simulation[LevellingScenario, B], scenario: LevellingScenario
+    simulation: Simulation[LevellingScenario, B],
+    drives: Sequence[PositionDriveParams],
+    period: float,
 ) -> PositionDrive | None:
     """Adds the drives of the arm's joints, if there is an arm."""
-    drives = [PositionDriveParams()] * scenario.machine.masses.arm.count
-    if not drives:
-        return None
-    return simulation.add_drives(PositionDrive(drives, scenario.control.period), "arm")
+    return simulation.add_drives(PositionDrive(drives, period), "arm") if drives else None
 
 
 def _add_leg_sensors(
@@ -531,7 +541,7 @@ def mirror(
     mock.on_put(put)
     # Without lag and counts; as fast as the real ones.
     mock.add_drives(VelocityServo(machine.wheels.drive.exact(), WHEEL_COUNT, period), "wheels")
-    _add_arm(mock, scenario)
+    _add_arm(mock, [PositionDriveParams()] * machine.masses.arm.count, period)
     platform = add(builder, KinematicPlatform(machine.geometry, machine.masses))
     for name in ("extension", "velocity"):
         mock.outputs[f"legs.{name}"] = actuators.GetOutputPort(name)

@@ -191,7 +191,8 @@ class ArmScenario(Schema):
 
     Attributes:
         start: beginning of the swing, from the start of the levelling [s].
-        angle_deg: angle forward from upright [deg].
+        angle_deg: angle of the arm's second joint, or its only one; of the drawn arm forward from
+            upright [deg].
         duration: duration of the swing [s].
     """
 

@@ -88,7 +88,7 @@ def add_tip(
         period: length of the rod's steps [s].
     """
     builder, machine = simulation.builder, scenario.machine
-    rod, arm = machine.flexible_rod, machine.masses.arm
+    rod, arm = machine.arm.bending, machine.masses.arm
     if rod is None:
         tip = add(builder, ArmTip(arm))
         straight = add(builder, ConstantVectorSource(np.zeros(3)), "no_deflection")

@@ -385,11 +385,15 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
         stiffness = foot_stiffness_matrix(self._feet, self.masses.foot_stiffness)
         roll, pitch, sunk = np.linalg.solve(stiffness, on_platform)
         by_platform = np.add(np.cross((roll, pitch, 0.0), arm), (0.0, 0.0, sunk))
-        # Drive of the arm's joint, about y.
-        reach = np.array([0.0, 0.0, self._arm.length])
-        bent = float((moment + np.cross(reach, force))[1]) / machine.arm.stiffness_Nm_rad
-        turned = float(moment[2]) / machine.arm.stiffness_Nm_rad
-        return by_platform + np.cross((0.0, bent, turned), reach)
+        # Drives of the arm's joints.
+        joints = self.masses.arm
+        jacobian: NDArray[np.float64] = np.reshape(
+            joints.tip_jacobian([0.0] * joints.count), (6, joints.count)
+        )
+        settings = machine.arm.drive_settings(joints.count)
+        stiffnesses = np.array([drive.stiffness_Nm_rad for drive in settings])
+        bent = jacobian.T @ np.concatenate([moment, force]) / stiffnesses
+        return by_platform + jacobian[3:] @ bent
 
     @entry("Conditioning and stiffness", "mm")
     def deflection_mm(self) -> float:

@@ -202,6 +202,8 @@ class _Loader(yaml.SafeLoader):
     def construct_tagged(self, tag: str, node: Any) -> Any:
         if tag == FILE:
             return self._data_of_file(node)
+        if isinstance(node, yaml.ScalarNode) and not node.value:
+            return {TAG: tag}
         return self.construct_mapping(node, deep=True) | {TAG: tag}
 
     def _data_of_file(self, node: Any) -> Any:

@@ -137,6 +137,15 @@ class Variant(Schema):
     others: ClassVar[str] = ""
     # Former names of a variant, which are read with a warning.
     former: ClassVar[tuple[str, ...]] = ()
+    # Tag of a variant where it is not the name of its class, which no word of Python's can be; and
+    # tag of a family that a mapping without one has.
+    tag_name: ClassVar[str] = ""
+    usual_tag: ClassVar[str] = ""
+
+    @classmethod
+    def tag(cls) -> str:
+        """Name of the variant, as its tag has it."""
+        return vars(cls).get("tag_name") or cls.__name__
 
     @classmethod
     def variants(cls) -> dict[str, type]:
@@ -152,7 +161,7 @@ class Variant(Schema):
         """A sentence for each name that was taken already, or that two others both define."""
         chosen, messages = cls._by_name(), []
         for variant in cls._descendants():
-            name, module = variant.__name__, variant.__module__
+            name, module = variant.tag(), variant.__module__
             modules = [kind.__module__ for kind in chosen[name]]
             if module not in modules:
                 messages.append(
@@ -169,7 +178,7 @@ class Variant(Schema):
         families: dict[str, dict[str, type[Variant]]] = {}
         for variant in cls._descendants():
             # In the same module the later one takes the place of the earlier.
-            families.setdefault(variant.__name__, {})[variant.__module__] = variant
+            families.setdefault(variant.tag(), {})[variant.__module__] = variant
         return {
             name: [kind for module, kind in kinds.items() if module.partition(".")[0] == home]
             or [*kinds.values()]
@@ -242,7 +251,7 @@ def plain(value: Any) -> Any:
         return value
     names = [field.name for field in dataclasses.fields(value)]
     added = [n for n in getattr(value, "__dict__", {}) if not hasattr(type(value), n)]
-    tag: dict[str, Any] = {TAG: f"!{type(value).__name__}"} if isinstance(value, Variant) else {}
+    tag: dict[str, Any] = {TAG: f"!{type(value).tag()}"} if isinstance(value, Variant) else {}
     return tag | {n: plain(getattr(value, n)) for n in dict.fromkeys(names + added)}
 
 
@@ -428,7 +437,7 @@ class Reader:
 
     def _read_variant(self, family: type[Variant], value: Any, key: str) -> dict[str, Any]:
         variants = family.variants()
-        tag = value.get(TAG) if isinstance(value, dict) else None
+        tag = value.get(TAG, family.usual_tag or None) if isinstance(value, dict) else None
         name = str(tag).removeprefix("!")
         if name not in variants:
             name = _renamed(variants, name)

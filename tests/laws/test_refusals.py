@@ -207,7 +207,7 @@ REFUSALS = [
             # The operator asks for less before the operation ends, and that is not refused.
             (
                 "work.arm_deg=100",
-                r"the arm's move goes beyond 90 deg of the arm .*; the machine stays in hold",
+                r"the arm's move goes beyond .* arm -90 deg to 90 deg; the machine stays in hold",
             ),
             (
                 "ground.foot_heights_mm=[0,-5,0,0]",

@@ -74,7 +74,14 @@ def refuse(experiment, setting, words, capsys, tmp_path):
             "machine.each_leg=[{}, {}, {yaw_deg: 229}, {yaw_deg: 131}]",
             "must go round against the clock",
         ),
-        ("machine.arm.urdf=nothing.urdf", "there is no such file"),
+        ("machine.arm=!Urdf {file: nothing.urdf}", "there is no such file"),
+        ("machine.arm.each_drive=[{}]", "machine.arm.each_drive must have 2 elements or none"),
+        ("machine.arm.drives.max_effort_Nm=10", "to hold the arm takes 17.1 N m, and it has 10"),
+        ("machine.arm.drives.lower_deg=10", "zero, where it begins, must be between"),
+        ("machine.arm.base_mm=[0, 0, -50]", "is 50 mm below the top of the platform's base"),
+        ("job.arm.duration=0.4", "it must be 0.5 s or more"),
+        ("job.arm={angle_deg: 90, duration: 0.5}", "it must be 1 s or more"),
+        ("machine.arm.drives.upper_deg=30", "'arm' goes from -90 deg to 30 deg, not to 45 deg"),
     ],
 )
 def test_a_platform_that_cannot_be_is_refused_in_one_line(setting, words, capsys, tmp_path):

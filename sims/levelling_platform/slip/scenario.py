@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.hardware_scenario import HardwareScenario
+from parapod.diagrams.levelling_platform.arm_admission import check_swing
 from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.machine import swing_to
 from parapod.diagrams.levelling_platform.parts import SensorScenario
@@ -163,6 +164,12 @@ def control_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
 
 
 def swing_trajectory(scenario: SlipScenario) -> PiecewisePolynomial:
-    """Positions (n) of the joints of a platform's arm: cubics from rest to rest [rad or m]."""
-    goal = scenario.levelling.machine.masses.arm.leaning(math.radians(scenario.arm.angle_deg))
+    """Positions (n) of the joints of a platform's arm: cubics from rest to rest [rad or m].
+
+    Raises:
+        ScenarioError: a swing that the arm's drives cannot follow, or that hits the ground.
+    """
+    machine = scenario.levelling.machine
+    goal = machine.masses.arm.leaning(math.radians(scenario.arm.angle_deg))
+    check_swing(machine, goal, scenario.arm.duration, ("arm.angle_deg", "arm.duration"))
     return swing_to(goal, scenario.swing_at, scenario.arm.duration, scenario.end + 1.0)

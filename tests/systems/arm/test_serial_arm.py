@@ -26,7 +26,7 @@ from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
 from parapod.urdf import configure_parser
 
 REACH_ARM = Path(__file__).parents[3] / "examples" / "machines" / "reach_arm.urdf"
-OWN = OwnModel("machine.arm.urdf", str(REACH_ARM), "foot", ("slew", "luff"))
+OWN = OwnModel("machine.arm.file", str(REACH_ARM), "foot", tip="tip")
 GRAVITY = (1.1, -2.3, -9.3)
 
 
@@ -104,15 +104,6 @@ class Drake:
         whole[self.columns] = values
         return whole
 
-    def tip_of(self, position):
-        """The last link's frame is where the tip is fixed, which moves with the arm."""
-        self.put(np.zeros(len(self.joints)))
-        last = self.joints[-1].frame_on_child()
-        X_LT = self.plant.CalcRelativeTransform(self.context, last, self.tip)
-        self.put(position)
-        X_FL = self.plant.CalcRelativeTransform(self.context, self.platform.body_frame(), last)
-        return X_FL @ X_LT, last, X_LT.translation()
-
     def reaction(self, position, rate, acceleration):
         """Force and moment on the platform, and the joints' efforts."""
         plant, context = self.plant, self.context
@@ -148,15 +139,16 @@ def samples(count, number=8):
 def test_pose_jacobian_and_centre_of_mass_are_those_of_drake(drake):
     arm, plant = drake.arm, drake.plant
     for position, _, _ in samples(arm.count):
-        X_FT, last, p_LT = drake.tip_of(position)
+        drake.put(position)
+        X_FT = plant.CalcRelativeTransform(drake.context, drake.platform.body_frame(), drake.tip)
         pose = arm.tip_pose(position.tolist())
         np.testing.assert_allclose(pose.place, X_FT.translation(), rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(pose.rotation, X_FT.rotation().matrix(), rtol=0.0, atol=1e-12)
         jacobian = plant.CalcJacobianSpatialVelocity(
             drake.context,
             JacobianWrtVariable.kV,
-            last,
-            p_LT,
+            drake.tip,
+            np.zeros(3),
             plant.world_frame(),
             plant.world_frame(),
         )[:, drake.columns]
