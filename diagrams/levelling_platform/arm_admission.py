@@ -24,8 +24,24 @@ def arm_faults(design: Any) -> Iterator[tuple[str, str]]:
     Args:
         design: `PlatformDesign` of the platform.
     """
+    yield from _soft(design)
     yield from _weak(design)
     yield from _inside(design)
+
+
+def _soft(design: Any) -> Iterator[tuple[str, str]]:
+    """A rod that does not stand upright."""
+    rod, gravity = design.arm.bending, design.masses.gravity
+    if rod is None or rod.buckling > gravity:
+        return
+    softest = min(rod.bending_stiffness)
+    yield (
+        "machine.arm.bending_stiffness_Nm2",
+        (
+            f"{softest:g} N m^2 is too soft: upright, the rod buckles under its own weight; it "
+            f"must be above {softest * gravity / rod.buckling:.3g}"
+        ),
+    )
 
 
 def _weak(design: Any) -> Iterator[tuple[str, str]]:

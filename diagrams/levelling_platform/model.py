@@ -555,7 +555,7 @@ def add_drawing(
     geometry: PlatformGeometry,
     structure: PlatformStructure,
     path: str = "platform",
-) -> None:
+) -> tuple[PlatformModel, SceneGraph]:
     """Adds a drawing of the full model for a plant that is simulated with fewer joints or none.
 
     Args:
@@ -568,6 +568,9 @@ def add_drawing(
         geometry: dimensions of its legs.
         structure: its other parts.
         path: its path in the scene.
+
+    Returns:
+        The model that is drawn, and its scene graph.
     """
     models: list[PlatformModel] = []
 
@@ -581,3 +584,4 @@ def add_drawing(
         signals["arm_position"] = arm_position
     scene_graph, positions = draw_model(builder, path, add_model, signals)
     add_visualization(builder, models[0], positions, scene_graph, meshcat, path)
+    return models[0], scene_graph

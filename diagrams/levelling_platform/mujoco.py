@@ -19,7 +19,7 @@ from parapod.diagrams.levelling_platform.plants import (
     put_on_ground,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.tip import applied_force, motion_in
+from parapod.diagrams.levelling_platform.tip import applied_force, draw_bending, motion_in
 from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.arm.flexible_arm import FlexibleArm
@@ -67,11 +67,12 @@ def add_mujoco_plant(
     signals, observers = observe(builder, model, beginning, state, poses, place)
     contact_force = bodies.GetOutputPort("contact_force")
     signals |= {"load_force": load_force, "contact_force": contact_force}
+    drawing = model, scene_graph
     if meshcat is not None and model.is_full:
         draw(builder, bodies, scene_graph)
         add_visualization(builder, model, state, scene_graph, meshcat)
     elif meshcat is not None:
-        draw_as_full(builder, scenario, model, drives, state, meshcat)
+        drawing = draw_as_full(builder, scenario, model, drives, state, meshcat)
 
     def put(root_context: Context, beginning: Beginning) -> None:
         context = plant.CreateDefaultContext()
@@ -82,6 +83,8 @@ def add_mujoco_plant(
     def bend(rod: FlexibleArm) -> None:
         applied = applied_force(builder, model, rod)
         connect(builder, applied, bodies.GetInputPort("applied_force"))
+        if meshcat is not None:
+            draw_bending(builder, *drawing, rod)
 
     motion = motion_in(builder, model, state)
     return PlatformPlant(signals, put, motion=motion, bend=bend)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -31,6 +31,7 @@ from parapod.diagrams.levelling_platform.tip import (
     ArmMotion,
     add_tip,
     applied_force,
+    draw_bending,
     motion_in,
     without_rod,
 )
@@ -137,8 +138,9 @@ def add_multibody_plant(
         add_visualization(builder, model, state, scene_graph, meshcat)
     else:
         remove_visuals(plant, scene_graph)
+    drawing = model, scene_graph
     if meshcat is not None and not model.is_full:
-        draw_as_full(builder, scenario, model, drives, state, meshcat)
+        drawing = draw_as_full(builder, scenario, model, drives, state, meshcat)
 
     def put(root_context: Context, beginning: Beginning) -> None:
         context = plant.GetMyMutableContextFromRoot(root_context)
@@ -148,6 +150,8 @@ def add_multibody_plant(
     def bend(rod: FlexibleArm) -> None:
         applied = applied_force(builder, model, rod)
         connect(builder, applied, plant.get_applied_generalized_force_input_port())
+        if meshcat is not None:
+            draw_bending(builder, *drawing, rod)
 
     motion = motion_in(builder, model, state)
     return PlatformPlant(signals, put, model=model, motion=motion, bend=bend)
@@ -204,7 +208,7 @@ def draw_as_full(
     drives: Drives,
     state: OutputPort,
     meshcat: Meshcat,
-) -> None:
+) -> tuple[PlatformModel, SceneGraph]:
     """Draws reduced legs as what they stand for.
 
     Args:
@@ -214,6 +218,9 @@ def draw_as_full(
         drives: its drives.
         state: state of the model's plant.
         meshcat: scene in which to draw.
+
+    Returns:
+        The model that is drawn, and its scene graph.
     """
     plant = model.plant
     start = model.base.floating_positions_start()
@@ -227,7 +234,7 @@ def draw_as_full(
         connect(builder, state, part.get_input_port())
         parts[name] = part.get_output_port()
     rods = drives.rods.GetOutputPort("extension")
-    add_drawing(
+    return add_drawing(
         builder,
         scenario.ground.inclination,
         meshcat,
@@ -371,8 +378,9 @@ def add_kinematic_plant(
         hold.set_value(hold.GetMyMutableContextFromRoot(root_context), beginning.inertial_motion)
         put_on_ground((platform,), root_context, beginning)
 
+    drawing = None
     if meshcat is not None:
-        add_drawing(
+        drawing = add_drawing(
             builder,
             scenario.ground.inclination,
             meshcat,
@@ -385,6 +393,8 @@ def add_kinematic_plant(
 
     def bend(rod: FlexibleArm) -> None:
         connect(builder, rod.GetOutputPort("wrench"), platform.GetInputPort("load"))
+        if drawing is not None:
+            draw_bending(builder, *drawing, rod)
 
     return PlatformPlant(signals, put, motion=motion, bend=bend)
 

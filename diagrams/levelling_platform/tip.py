@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.geometry import SceneGraph
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
@@ -13,8 +14,10 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.simulated import Simulation
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.arm.arm_tip import ArmTip
+from parapod.systems.arm.bent_rod import BentRod
 from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
 
 
@@ -66,6 +69,24 @@ def applied_force(builder: DiagramBuilder, model: PlatformModel, rod: FlexibleAr
     return gain.get_output_port()
 
 
+def draw_bending(
+    builder: DiagramBuilder, model: PlatformModel, scene_graph: SceneGraph, rod: FlexibleArm
+) -> None:
+    """Has the rod of a model that is drawn bend.
+
+    Args:
+        builder: builder of the diagram that holds `scene_graph`.
+        model: the platform, whose last link of the arm is the rod.
+        scene_graph: scene in which it is drawn.
+        rod: the rod that bends.
+    """
+    link = model.arm_joints[-1].child_body()
+    bent = add(builder, BentRod(rod.rod, model.plant, link, scene_graph))
+    for name in ("clamp_pose", "modal_state"):
+        connect(builder, rod.GetOutputPort(name), bent.GetInputPort(name))
+    connect(builder, bent.get_output_port(), scene_graph.get_source_pose_port(bent.source_id))
+
+
 def without_rod(arm: SerialArm) -> SerialArm:
     """An arm whose last link weighs nothing."""
     return replace(arm, links=(*arm.links[:-1], ArmLink()))
@@ -86,6 +107,9 @@ def add_tip(
         motion: motion of platform and arm.
         bend: has the rod act on the plant.
         period: length of the rod's steps [s].
+
+    Raises:
+        ScenarioError: modes above what the period carries.
     """
     builder, machine = simulation.builder, scenario.machine
     rod, arm = machine.arm.bending, machine.masses.arm
@@ -103,7 +127,10 @@ def add_tip(
 
     is_moving = motion.platform_velocity is not None
     begins = pose_at(simulation.beginning)
-    bends = FlexibleArm(rod, period, arm, begins, "velocity" if is_moving else "pose")
+    try:
+        bends = FlexibleArm(rod, period, arm, begins, "velocity" if is_moving else "pose")
+    except ValueError as error:
+        raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
     add(builder, bends)
     connect(builder, motion.platform_pose, bends.GetInputPort("base_pose"))
     connect(builder, motion.joint_state, bends.GetInputPort("joint_state"))

@@ -41,6 +41,7 @@ class FlexibleArm(LeafSystem):
     | in `joint_state` | 2n | rad or m, and per s | positions and rates of the arm's joints |
     | out `tip_pose` | 7 | -, m | quaternion and place of the tip |
     | out `tip_velocity` | 6 | rad/s, m/s | its angular and linear velocity |
+    | out `clamp_pose` | 7 | -, m | quaternion and place of the rod's clamp |
     | out `deflection` | 3 | m | tip from where a rigid rod has it, by the last link's axes |
     | out `modal_state` | 4m | - | coordinates in the planes of x and y, and their rates |
     | out `wrench` | 6 | N m, N | moment about the base and force of the rod, by the base's axes |
@@ -61,7 +62,7 @@ class FlexibleArm(LeafSystem):
     `base_pose` with the joints at zero; without one on the first pose that it is shown.
 
     Bad input: a pose, velocity or joint that is not finite, or absurd, keeps the motion of the
-    step before; pose and velocity of the tip are not finite either.
+    step before; poses and velocity of clamp and of the tip are not finite either.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class FlexibleArm(LeafSystem):
         """
         super().__init__()
         self.set_name("flexible_arm")
+        self.rod = rod
         self._motion, self._period, self._size = RodMotion(rod, period), period, 4 * rod.modes
         self._arm, self._has_velocity = arm, base_motion == "velocity"
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
@@ -102,6 +104,7 @@ class FlexibleArm(LeafSystem):
         for name, size, calc, tickets in (
             ("tip_pose", 7, self._calc_tip_pose, now),
             ("tip_velocity", 6, self._calc_tip_velocity, moving),
+            ("clamp_pose", 7, self._calc_clamp_pose, now),
             ("deflection", 3, self._calc_deflection, rods),
             ("modal_state", self._size, self._calc_modal_state, rods),
         ):
@@ -259,6 +262,10 @@ class FlexibleArm(LeafSystem):
         moving = plus(cross(turning, axes.in_world(place)), axes.in_world(tip.velocity))
         angular = plus(turning, axes.in_world(tip.turning))
         output.SetFromVector(np.array([*angular, *plus((v_x, v_y, v_z), moving)]))
+
+    def _calc_clamp_pose(self, context: Context, output: BasicVector) -> None:
+        position = read(self._joints, context)[: self._arm.count]
+        output.SetFromVector(np.array(self._clamp_at(read(self._pose, context), position)))
 
     def _calc_deflection(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state(_RODS))
