@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from pydrake.systems.framework import System
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.arm_admission import check_swing
@@ -20,10 +21,11 @@ from parapod.diagrams.levelling_platform.plants import (
 from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
 from parapod.diagrams.levelling_platform.real import make_real
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.shaping import shaping_system
 from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.wiring import named_source
+from parapod.diagrams.wiring import add, connect, named_source
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
@@ -64,8 +66,23 @@ def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
         check_swing(scenario.machine, goal, job.arm.duration, keys)
         start = job.estimate_at + job.arm.start
         swing = swing_to(goal, start, job.arm.duration, start + job.arm.duration + 1e6)
-        sources.append(named_source("arm.position_command", swing))
+        sources.append(_arm_source(scenario, swing))
     return sources
+
+
+def _arm_source(scenario: LevellingScenario, way: PiecewisePolynomial) -> System:
+    """Source of the arm's commands: a way, shaped if the scenario says so."""
+    name, shaper = "arm.position_command", shaping_system(scenario)
+    if shaper is None:
+        return named_source(name, way)
+    builder = DiagramBuilder()
+    add(builder, shaper)
+    source = add(builder, TrajectorySource(way), "way")
+    connect(builder, source.get_output_port(), shaper.get_input_port())
+    builder.ExportOutput(shaper.get_output_port(), name)
+    diagram: System = builder.Build()
+    diagram.set_name("shaped_way_of_the_arm")
+    return diagram
 
 
 def swing_to(

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
 from parapod.diagrams.machine import ControlScenario as UsualControlScenario
+from parapod.systems.arm.input_shaper import ShaperKind
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.levelling_platform.geometry import (
@@ -142,6 +144,12 @@ class ControlScenario(UsualControlScenario):
         inclination_bias_deg: errors of the inertial sensor's roll and pitch, which are subtracted
             [deg, deg].
         leg_deviations: differences of legs 1 to 4 from their drawing; empty for none.
+        arm_shaper: shaping of the arm's commands, so that its rod does not vibrate: "none", or
+            with zero vibration ("zv"), zero derivative besides ("zvd"), or extra insensitive to
+            the frequency ("ei").
+        arm_frequencies_Hz: frequencies of the arm's vibration [Hz]; null: the first ones of the
+            rod that bends, upright.
+        arm_damping_ratio: damping ratio of that vibration [-]; null: that of the rod.
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
@@ -156,6 +164,9 @@ class ControlScenario(UsualControlScenario):
     encoder_offsets_mm: list[float] = quantity([0.0] * LEG_COUNT, -20.0, 20.0, length=LEG_COUNT)
     inclination_bias_deg: list[float] = quantity([0.0] * 2, -5.0, 5.0, length=2)
     leg_deviations: list[LegDeviationScenario] = field(default_factory=list)
+    arm_shaper: str = choice("none", ("none", *get_args(ShaperKind.__value__)))
+    arm_frequencies_Hz: list[float] | None = quantity(None, 0.01, 500.0)  # noqa: N815 (the unit's)
+    arm_damping_ratio: float | None = quantity(None, 0.0, 0.3)
 
     @property
     def encoder_offsets(self) -> NDArray[np.float64]:

@@ -116,6 +116,16 @@ class FlexibleRod:
         stiffness = np.array(self.bending_stiffness)[:, np.newaxis]
         return self.wave_numbers**2 * np.sqrt(stiffness / (self.mass * self.length**3))
 
+    def loaded_frequencies(self, along: float) -> Array:
+        """Angular frequencies (2, n) of the rod under a constant load along it [rad/s].
+
+        Args:
+            along: component of the specific force along the rod, 9.81 for an upright one [m/s^2].
+        """
+        stiffness = [np.diag(omega**2) - along * self.softening for omega in self.frequencies]
+        loaded: Array = np.sqrt(np.linalg.eigvalsh(stiffness))
+        return loaded
+
     def shape(self, z: ArrayLike) -> Array:
         """Mode shapes phi_k (..., n) [1/sqrt(kg)] at places along the rod (...) [m]."""
         return self._scale * self._curve(z, 0)
