@@ -59,7 +59,8 @@ def make_job_sources(scenario: LevellingScenario) -> Sequence[System]:
     trigger = PiecewisePolynomial.ZeroOrderHold(
         [0.0, job.estimate_at, job.estimate_at + 1e6], [[0.0, 1.0, 1.0]]
     )
-    arm, sources = scenario.machine.masses.arm, [named_source("estimate_ground", trigger)]
+    arm = scenario.machine.masses.arm
+    sources: list[System] = [named_source("estimate_ground", trigger)]
     if arm.count:
         goal = arm.leaning(math.radians(job.arm.angle_deg))
         keys = "job.arm.angle_deg", "job.arm.duration"

@@ -1,6 +1,7 @@
 """Shaping of the arm's commands: the vibration of its rod is not excited in the first place."""
 
 import math
+from typing import Any
 
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.systems.arm.input_shaper import InputShaper, Shaper
@@ -34,8 +35,9 @@ def arm_shaper(scenario: LevellingScenario) -> Shaper | None:
     if damping is None:
         damping = 0.0 if rod is None else rod.damping_ratio
     omegas = [2.0 * math.pi * frequency for frequency in frequencies]
+    kind: Any = control.arm_shaper
     try:
-        return Shaper.by_name(control.arm_shaper, omegas, [damping] * len(omegas))
+        return Shaper.by_name(kind, omegas, [damping] * len(omegas))
     except ValueError as error:
         raise ScenarioError(f"control.arm_shaper: {error}", "control.arm_shaper") from None
 

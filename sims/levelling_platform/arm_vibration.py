@@ -59,7 +59,7 @@ class Runs:
 
 
 class ArmVibration(LevellingExperiment[Runs]):
-    """Swings the arm with each kind of command; the last run, of `control.arm_shaper`, is watched."""
+    """Swings the arm with each kind of command; the run of `control.arm_shaper` is watched."""
 
     signals = ("truth.tip_deflection", "truth.tip_pose", "arm.position_command")
     takes = "20 s"
@@ -187,9 +187,8 @@ def _tip_figure(scenario: LevellingScenario, data: Runs) -> Figure:
             lower.plot(time, 1e3 * run["truth.tip_deflection"][:, 0], **look)
         lower.set_xlim(-0.2, float(data.run.time[-1]) - begins)
         upper.set_ylabel("command [deg]")
-        lower.set(
-            xlabel="time from the beginning of the swing [s]", ylabel="tip's deflection [mm]"
-        )
+        lower.set_xlabel("time from the beginning of the swing [s]")
+        lower.set_ylabel("tip's deflection [mm]")
         upper.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
 
     return Figure(
@@ -215,10 +214,9 @@ def _robustness_figure(scenario: LevellingScenario) -> Figure:
                 label=_NAMES[kind],
                 linewidth=1.6,
             )
-            residuals = [_simulated_residual(scenario, shapers[kind], scale) for scale in _SCALES]
-            axes.plot(
-                100.0 * (_SCALES - 1.0), residuals, "o", markersize=4, color=line.get_color()
-            )
+            simulated = [_simulated_residual(scenario, shapers[kind], scale) for scale in _SCALES]
+            dots: dict[str, Any] = {"markersize": 4, "color": line.get_color()}
+            axes.plot(100.0 * (_SCALES - 1.0), simulated, "o", **dots)
         axes.axhline(_BOUND, color="0.5", linewidth=0.8, linestyle="--")
         axes.set(
             xlabel="frequency of the rod by the one that is known [%]",
@@ -261,10 +259,7 @@ def _swing(scenario: LevellingScenario, rod: FlexibleRod, shaper: Shaper) -> flo
     for k in range(int((end + _PERIODS * 2.0 * math.pi / omega) / _STEP)):
         middle = (k + 0.5) * _STEP
         angle, w, a = (
-            sum(
-                share * float(part.value(max(0.0, middle - delay))[0, 0])
-                for delay, share in impulses
-            )
+            sum(by * float(part.value(max(0.0, middle - late))[0, 0]) for late, by in impulses)
             for part in (way, rate, acceleration)
         )
         force = -gravity * math.sin(angle), 0.0, gravity * math.cos(angle)
