@@ -99,7 +99,9 @@ class BentRod(LeafSystem):
         source, inspector = plant.get_source_id(), scene_graph.model_inspector()
         assert source is not None
         for geometry in inspector.GetGeometries(frame, Role.kIllustration):
-            shape, X_LG = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+            shape = inspector.GetShape(geometry)
+            # Copied: the geometry is removed below.
+            X_LG = RigidTransform(inspector.GetPoseInFrame(geometry).GetAsMatrix4())
             properties = {
                 "set_illustration_properties": inspector.GetIllustrationProperties(geometry),
                 "set_perception_properties": inspector.GetPerceptionProperties(geometry),
