@@ -5,8 +5,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
-from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts
 from parapod.diagrams.ports import Behind, Port
@@ -197,7 +198,11 @@ def add_devices(
     for name in ("age", "fault"):
         each = add(builder, Multiplexer(len(signals_used)), f"status_{name}")
         for i, part in enumerate(signals_used):
-            port = parts.readers[parts.behind(part)].GetOutputPort(name)
+            if any(port.part == part for port in (*inputs, *outputs)):
+                port = parts.readers[parts.behind(part)].GetOutputPort(name)
+            else:  # a part that this machine does not have never fails
+                source = ConstantVectorSource(np.zeros(1))
+                port = add(builder, source, f"{part}_{name}").get_output_port()
             connect(builder, port, each.get_input_port(i))
         measured[f"status.{name}"] = each.get_output_port(0)
     return Behind(driven, measured, parts.reset, parts.active, handle=parts)

@@ -53,6 +53,7 @@ from parapod.sims.levelling_platform.levelling import (
 from parapod.sims.levelling_platform.operation import (
     OperationWatch,
     PhaseLabel,
+    has_arm,
     operated_platform,
     read_operation,
 )
@@ -252,6 +253,13 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         "Operate the platform in the browser: drive it, 'Go' lowers its legs and levels it, "
         "'Stop' raises them, 'Reset' ends a fault."
     )
+
+    def needed(self, scenario: DeployScenario) -> tuple[str, ...]:
+        """See `LoopExperiment`; nothing of an arm that is not there."""
+        names = super().needed(scenario)
+        if has_arm(scenario.levelling):
+            return names
+        return tuple(name for name in names if not name.startswith("arm."))
 
     def duration(self, scenario: DeployScenario) -> float:
         """End of an operation that does not come to its end [s]."""

@@ -175,7 +175,7 @@ class PlatformSheet(Sheet[LevellingScenario, PlatformGeometry, KinematicPlatform
     def _centre(self, lean: float, turn: NDArray[np.float64]) -> NDArray[np.float64]:
         """Centre of mass (n, 3) from F, with the arm at a lean and turns (n) [m]."""
         point = self.masses.centre_with(self.masses.arm.leaning(lean, turn))
-        return np.stack(np.broadcast_arrays(*point), axis=-1)
+        return np.stack(np.broadcast_arrays(*point, turn)[:3], axis=-1)
 
     # Ground.
 

@@ -213,3 +213,10 @@ def test_a_supervised_platform_without_an_arm_has_a_margin():
     simulator = Simulator(loop)
     simulator.AdvanceTo(0.1)
     assert loop.recording(simulator.get_context())["stability_margin"][-1, 0] > 0.1
+
+
+def test_devices_of_a_platform_without_an_arm_need_none_for_it():
+    drivers = "[!NiDaqLegs {}, !Adis16448SpiImu {}, !NotFittedPart {part: wheels}]"
+    scenario = of("machine.arm=!None", f"hardware.drivers={drivers}", backend="hardware")
+    station = Station(PLATFORM, scenario)
+    assert station.GetOutputPort("status.age").size() == 4
