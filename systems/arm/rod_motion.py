@@ -13,7 +13,8 @@ that are constant over it; f_z may change from step to step, as steps are polyno
 Coriolis forces, the last term, act as a rotation of the rates by halves before and after it.
 
 The wrench on the clamp is the resultant of d'Alembert's forces of all mass, to first order in the
-deflection; among them is the weight that the deflection moves aside. Functions are elementwise:
+deflection; among them is the weight that the deflection moves aside, and, of second order, what
+it takes to draw the rod's mass nearer to the clamp. Functions are elementwise:
 the numbers of a state and of a motion are floats, or arrays of one shape.
 """
 
@@ -204,7 +205,9 @@ class RodMotion:
             - a_x * y.moved
             - w_z * along
             - 2.0 * (w_x * y.moving - w_y * x.moving)
-            + _dot(softened, second),  # the rod comes nearer to the clamp as it bends
+            # The rod comes nearer to the clamp as it bends.
+            + _dot(softened, second)
+            + _dot(_product(self._soft, state[2 * n :]), state[2 * n :]),
         )
         # The products of inertia that the deflection makes, times w and a.
         i_x, i_y = -x.product * w_z, -y.product * w_z
