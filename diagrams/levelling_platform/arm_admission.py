@@ -68,15 +68,15 @@ def _too_weak(
 ) -> Iterator[tuple[str, str]]:
     """Drives whose largest effort is less than these (n)."""
     arm = design.masses.arm
-    settings = design.arm.drive_settings(arm.count)
-    for joint, drive, effort in zip(arm.joints, settings, efforts, strict=True):
+    largest = design.arm.efforts(arm.count)
+    for joint, limit, effort in zip(arm.joints, largest, efforts, strict=True):
         needed, unit = float(np.max(np.abs(effort))), "N m" if joint.unit == "rad" else "N"
-        if needed > drive.max_effort_Nm:
+        if needed > limit:
             yield (
                 key,
                 (
                     f"the drive of {joint.name!r} is too weak: {purpose} takes {needed:.3g} "
-                    f"{unit}, and it has {drive.max_effort_Nm:g} {unit}; max_effort_Nm must be "
+                    f"{unit}, and it has {limit:g} {unit}; max_effort_Nm must be "
                     f"{math.ceil(needed)} or more"
                 ),
             )

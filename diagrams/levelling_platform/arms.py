@@ -17,6 +17,8 @@ from parapod.systems.core.schema import Schema, Variant, quantity
 _SHORT, _LONG = 0.1, 20_000.0
 # Angles of joints without limits, either way: a turn; of the rod's joint a quarter of one [rad].
 _TURN, _QUARTER = 2.0 * math.pi, 0.5 * math.pi
+# Length of the paper's rod [m], and largest effort of the drives of one of 1 kg [N m].
+_LENGTH, _EFFORT = 2.02, 200.0
 # Moment of inertia of the rod about its own axis [kg m^2], and masses of mount and turntable [kg].
 _ALONG, _MOUNT, _TURNTABLE = 5e-4, 0.1, 0.4
 
@@ -32,7 +34,8 @@ class ArmDriveDesign(Schema):
     Attributes:
         max_speed_deg_s: largest speed [deg/s].
         max_acceleration_deg_s2: largest acceleration [deg/s^2].
-        max_effort_Nm: largest torque [N m].
+        max_effort_Nm: largest torque [N m]; null: 200 for the drawn arm of 1 kg and 2.02 m,
+            by mass and length; that of an arm of one's own has no limit.
         lower_deg: smallest position [deg]; null: that of the model, or of the joint's kind.
         upper_deg: largest position [deg]; null: that of the model, or of the joint's kind.
         stiffness_Nm_rad: stiffness of the drive [N m/rad].
@@ -41,7 +44,7 @@ class ArmDriveDesign(Schema):
 
     max_speed_deg_s: float = quantity(135.0, 0.1, 10_000.0)
     max_acceleration_deg_s2: float = quantity(1080.0, 1.0, 1e6)
-    max_effort_Nm: float = quantity(200.0, 0.01, 1e6)  # noqa: N815 (the unit's symbol)
+    max_effort_Nm: float | None = quantity(None, 0.01, 1e6)  # noqa: N815 (the unit's symbol)
     lower_deg: float | None = quantity(None, -_LONG, _LONG)
     upper_deg: float | None = quantity(None, -_LONG, _LONG)
     stiffness_Nm_rad: float = quantity(2e4, 1.0, 1e9)  # noqa: N815
@@ -120,6 +123,20 @@ class ArmDesign(Variant):
         """Its rod that bends, on the last link; None: it is rigid."""
         return None
 
+    @property
+    def usual_effort(self) -> float:
+        """Largest effort of drives that leave it open [N m or N]."""
+        return math.inf
+
+    def efforts(self, count: int) -> tuple[float, ...]:
+        """Largest efforts of the drives of the joints [N m or N].
+
+        Args:
+            count: number of the joints.
+        """
+        efforts = (drive.max_effort_Nm for drive in self.drive_settings(count))
+        return tuple(self.usual_effort if effort is None else effort for effort in efforts)
+
     def drive_settings(self, count: int) -> Sequence[ArmDriveDesign]:
         """Settings of the drives of the joints.
 
@@ -178,6 +195,12 @@ class _DrawnArm(ArmDesign):
     def length(self) -> float:
         """Length of the drawn arm [m]."""
         return self.length_mm / 1e3
+
+    @property
+    def usual_effort(self) -> float:
+        """Largest effort by mass and length [N m]."""
+        size = self.length / _LENGTH
+        return _EFFORT * self.bodies["link"].mass * size * max(1.0, size)
 
     def usual_reach(self, index: int, joint: ArmJoint) -> float:
         """A turn of the turntable, a quarter of one of the rod, either way [rad]."""

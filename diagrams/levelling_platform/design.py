@@ -223,8 +223,11 @@ class PlatformDesign(Schema):
             arm_base=self.arm_base,
             arm_length=arm.length,
             arm_drives=tuple(
-                (drive.stiffness_Nm_rad, drive.max_effort_Nm)
-                for drive in arm.each_drive or [arm.drives]
+                zip(
+                    (drive.stiffness_Nm_rad for drive in arm.each_drive or [arm.drives]),
+                    arm.efforts(len(arm.each_drive) or 1),
+                    strict=True,
+                )
             ),
             stops=self.stops,
             rod_stiffness=1e6 * actuators.stiffness_N_um,
