@@ -1,5 +1,6 @@
 """An arm whose last link is a flexible rod, on a base that moves."""
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -61,8 +62,8 @@ class FlexibleArm(LeafSystem):
     `bending_force` (6 + n); updated every period. It begins at rest, sagging under its weight, on
     `base_pose` with the joints at zero; without one on the first pose that it is shown.
 
-    Bad input: a pose, velocity or joint that is not finite, or absurd, keeps the motion of the
-    step before; poses and velocity of clamp and of the tip are not finite either.
+    Bad input: with a pose, velocity or joint that is not finite, or absurd, the clamp is taken to
+    rest where it was; poses and velocity of clamp and of the tip are not finite either.
     """
 
     def __init__(
@@ -226,13 +227,18 @@ class FlexibleArm(LeafSystem):
             axes = Axes.from_quaternion(clamp[:4])
             parts = map(axes.components, (felt, velocity[:3], (spin_x, spin_y, spin_z)))
             base = [*clamp, *velocity, 1.0, *(number for part in parts for number in part)]
-            modal = self._motion.step(modal, _motion_in(base))
-            forces = self._forces(modal, base, pose, position)
-            discrete_state.set_value(_WRENCH, np.array(forces[0]))
-            discrete_state.set_value(_BENDING, np.array(forces[1]))
         else:
-            modal = self._motion.step(modal, _motion_in(base))
+            clamp = base[_POSE]
+            felt = list(Axes.from_quaternion(clamp[:4]).components(_UPWARDS))
+            base = [*clamp, *_STILL, *_STILL, 1.0, *felt, *_STILL, *_STILL]
+        modal = self._motion.step(modal, _motion_in(base))
         discrete_state.set_value(_RODS, np.array(modal + base))
+        turned = pose if any(pose[:4]) else list(_AT_ORIGIN)
+        for index, force in zip(
+            (_WRENCH, _BENDING), self._forces(modal, base, turned, position), strict=True
+        ):
+            if all(map(math.isfinite, force)):
+                discrete_state.set_value(index, np.array(force))
 
     def _tip(self, context: Context) -> tuple[Tip, Vector3, list[float]]:
         """Tip against a straight rod's, its place from the clamp, and the clamp's pose now."""
