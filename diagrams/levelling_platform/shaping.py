@@ -9,6 +9,8 @@ from parapod.systems.core.errors import ScenarioError
 
 # Frequencies of two planes that differ by less are shaped as one [-].
 _ALIKE = 0.01
+# Residual that an extra insensitive shaper leaves [-]: with all else less than 5 %.
+_TOLERANCE = 0.04
 
 
 def arm_shaper(scenario: LevellingScenario) -> Shaper | None:
@@ -37,7 +39,7 @@ def arm_shaper(scenario: LevellingScenario) -> Shaper | None:
     omegas = [2.0 * math.pi * frequency for frequency in frequencies]
     kind: Any = control.arm_shaper
     try:
-        return Shaper.by_name(kind, omegas, [damping] * len(omegas))
+        return Shaper.by_name(kind, omegas, [damping] * len(omegas), _TOLERANCE)
     except ValueError as error:
         raise ScenarioError(f"control.arm_shaper: {error}", "control.arm_shaper") from None
 

@@ -214,7 +214,7 @@ def _robustness_figure(scenario: LevellingScenario) -> Figure:
                 label=_NAMES[kind],
                 linewidth=1.6,
             )
-            simulated = [_simulated_residual(scenario, shapers[kind], scale) for scale in _SCALES]
+            simulated = [simulated_residual(scenario, shapers[kind], scale) for scale in _SCALES]
             dots: dict[str, Any] = {"markersize": 4, "color": line.get_color()}
             axes.plot(100.0 * (_SCALES - 1.0), simulated, "o", **dots)
         axes.axhline(_BOUND, color="0.5", linewidth=0.8, linestyle="--")
@@ -236,7 +236,7 @@ def _robustness_figure(scenario: LevellingScenario) -> Figure:
     )
 
 
-def _simulated_residual(scenario: LevellingScenario, shaper: Shaper, scale: float) -> float:
+def simulated_residual(scenario: LevellingScenario, shaper: Shaper, scale: float) -> float:
     """Amplitude after the swing by the unshaped one, of a rod on a base at rest [%]."""
     rod = _rod(scenario)
     stiffness = rod.bending_stiffness[0] * scale**2, rod.bending_stiffness[1]

@@ -7,7 +7,7 @@ needs no feedback, and it delays the command by half a period of the vibration o
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Literal, Self, get_args
 
 import numpy as np
@@ -122,7 +122,11 @@ class Shaper:
 
     @classmethod
     def by_name(
-        cls, kind: ShaperKind, frequencies: Sequence[float], damping_ratios: Sequence[float]
+        cls,
+        kind: ShaperKind,
+        frequencies: Sequence[float],
+        damping_ratios: Sequence[float],
+        tolerance: float = 0.05,
     ) -> Self:
         """Shaper for several modes: those of the single modes, convolved.
 
@@ -130,6 +134,7 @@ class Shaper:
             kind: kind for each mode.
             frequencies: natural frequencies (m) [rad/s]; without any, commands pass unchanged.
             damping_ratios: their damping ratios (m) [-].
+            tolerance: residual that an extra insensitive shaper leaves [-].
 
         Raises:
             ValueError: an unknown kind, or a mode that its shaper refuses.
@@ -137,7 +142,7 @@ class Shaper:
         kinds = get_args(ShaperKind.__value__)
         if kind not in kinds:
             raise ValueError(f"a shaper is one of {', '.join(kinds)}, not {quoted(kind)}")
-        make = getattr(cls, kind)
+        make = partial(cls.ei, tolerance=tolerance) if kind == "ei" else getattr(cls, kind)
         modes = zip(frequencies, damping_ratios, strict=True)
         return reduce(cls.convolved, (make(*mode) for mode in modes), cls())
 
