@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
+from parapod.diagrams.levelling_platform.shaping import shaping_system
 from parapod.diagrams.wiring import named, wired
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
@@ -247,7 +248,6 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     calculated = "extension_calculated_state"
     chain, names = _posture_chain(scenario, "clamp", "posture_control", calculated)
     supervisor = Supervisor(geometry, machine.supervisor, wheels.standing_height, period)
-    limits = machine.stability_monitor
     # Legs follow the posture, trimmed by contact, or go up and down by themselves.
     trimmed = {
         "extension_desired_state": calculated,
@@ -265,9 +265,21 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
             {"u0": "drive_request", "y0": "wheel_request"},
         ),
         FaultDetector(geometry, machine.fault_detector, period),
-        (StabilityMonitor(geometry, limits, period=period), {"enable": "arm_enable"}),
+        *_arm_chain(scenario),
     ]
     unused = () if is_operated else ("jog_request", "operator_age")
     arm = _ARM_SHOWN if machine.masses.arm.count else ()
     outputs = (*_SHOWN, *_SUPERVISED_SHOWN, *arm)
     return wired("controller", systems, outputs, names | _SUPERVISED, unused)
+
+
+def _arm_chain(scenario: LevellingScenario) -> list[Wired]:
+    """The monitor of the arm's moves and, if the scenario says so, what shapes them."""
+    machine, period = scenario.machine, scenario.control.period
+    geometry, limits = scenario.geometry_as_known, machine.stability_monitor
+    signals = {"enable": "arm_enable"}
+    monitor, shaper = StabilityMonitor(geometry, limits, period=period), shaping_system(scenario)
+    if shaper is None:
+        return [(monitor, signals)]
+    ports = {"command": "arm_move", "shaped_command": "arm.position_command"}
+    return [(monitor, signals | {"arm_command": "arm_move"}), (shaper, ports)]

@@ -50,11 +50,11 @@ def shaping_system(scenario: LevellingScenario) -> InputShaper | None:
     Raises:
         ScenarioError: as `arm_shaper`, or frequencies above what the period carries.
     """
-    shaper = arm_shaper(scenario)
-    if shaper is None:
+    count, shaper = scenario.machine.masses.arm.count, arm_shaper(scenario)
+    if shaper is None or not count:
         return None
     try:
-        return InputShaper(shaper, scenario.machine.masses.arm.count, scenario.control.period)
+        return InputShaper(shaper, count, scenario.control.period)
     except ValueError as error:
         key = "control.arm_frequencies_Hz"
         raise ScenarioError(f"{key}: {error}", key) from None

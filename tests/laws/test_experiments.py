@@ -67,6 +67,10 @@ BRIEF = {
     "validate-kinematics": (*COARSE, *JOB[3:]),
     "deploy": ("backend=kinematic", "longest=3"),
     "fault-campaign": ("device=encoder", "phase=transport", "window=0.5"),
+    "arm-vibration": (
+        *("backend=kinematic", "job.estimate_at=1.5", "job.settled_after=1.5"),
+        *("job.arm={start: 0.5, duration: 0.5}", "job.end=2.5"),
+    ),
     "identify-actuators": COARSE,
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.2", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
