@@ -24,7 +24,7 @@ _CENTRE = (
 _SHORT = {
     "level": (
         *("job.waypoints=[]", "job.estimate_at=1", "job.settled_after=3.5", "job.end=4.5"),
-        "job.arm={start: 0, duration: 0.1}",
+        "job.arm={start: 0, duration: 0.1, angle_deg: 1}",
     ),
     "chair-walk": (
         *("gait.way=forward", "gait.lift_mm=6", "gait.step_mm=10", "gait.swing_height_mm=2"),

@@ -21,7 +21,7 @@ from parapod.sims.study.study import Study
 # A job that takes a worker some 30 ms, and one that takes it half a second.
 _BRIEF = (
     *("backend=kinematic", "job.estimate_at=0.5", "job.settled_after=0.5", "job.end=1"),
-    *("job.waypoints=[]", "job.arm={start: 0.2, duration: 0.2}"),
+    *("job.waypoints=[]", "job.arm={start: 0.2, duration: 0.2, angle_deg: 5}"),
 )
 _WHOLE = ("backend=kinematic",)
 # Numbers of runs; the first ones, in which workers import and build, are not counted.

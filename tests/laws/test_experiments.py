@@ -58,7 +58,11 @@ BRIEF = {
     ),
     "compare-engines": (
         *("plant.time_step=0.005", "steps_ms=[5]", "job.estimate_at=0.5", "job.waypoints=[]"),
-        *("job.settled_after=0.5", "job.arm={start: 0.1, duration: 0.1}", "job.end=1"),
+        *(
+            "job.settled_after=0.5",
+            "job.arm={start: 0.1, duration: 0.1, angle_deg: 1}",
+            "job.end=1",
+        ),
     ),
     "chair-engines": (
         *("plant.time_step=0.005", "steps_ms=[5]", "gait.lift_mm=3", "gait.step_mm=4"),
@@ -72,7 +76,7 @@ BRIEF = {
         *("job.arm={start: 0.5, duration: 0.5}", "job.end=2.5"),
     ),
     "identify-actuators": COARSE,
-    "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.2", "arm.rest=0", "creep.duration=0.1"),
+    "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.5", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
     "centre-machining": (
         *("backend=kinematic", "holes.count=1", "holes.depth_mm=1", *HASTE),

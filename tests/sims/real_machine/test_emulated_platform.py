@@ -64,7 +64,7 @@ def job(estimate_at, settled_after, end, height=477.0):
         f"job.settled_after={settled_after}",
         f"job.end={end}",
         f"job.height_mm={height}",
-        "job.arm={start: 0, duration: 0.1}",
+        "job.arm={start: 0, duration: 0.1, angle_deg: 1}",
         *PATIENT,
     )
 

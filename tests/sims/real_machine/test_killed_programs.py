@@ -55,7 +55,7 @@ def job(estimate_at=0.5):
         *("run", "level", "--backend", "hardware", "--set", "job.waypoints=[]"),
         *("job.settled_after=0.5", "job.end=20", f"job.estimate_at={estimate_at}"),
         f"job.height_mm={next(HEIGHTS)}",
-        "job.arm={start: 0, duration: 0.1}",
+        "job.arm={start: 0, duration: 0.1, angle_deg: 1}",
         *PATIENT,
     )
 
