@@ -14,6 +14,7 @@ from parapod.systems.arm.serial_arm import SerialArm, rotated
 from parapod.systems.core import quaternions
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read
+from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import Vector3, cross, dot, minus, plus, scaled
 from parapod.systems.core.vectors import Axes
 
@@ -92,6 +93,7 @@ class FlexibleArm(LeafSystem):
         self.rod = rod
         self._motion, self._period, self._size = RodMotion(rod, period), period, 4 * rod.modes
         self._arm, self._has_velocity = arm, base_motion == "velocity"
+        self._links = Remembered(arm.link_poses)
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
         self._velocity = self.DeclareVectorInputPort("base_velocity", 6)
         self._joints = self.DeclareVectorInputPort("joint_state", 2 * arm.count)
@@ -130,9 +132,7 @@ class FlexibleArm(LeafSystem):
         for index, group in enumerate(rest):
             context.SetDiscreteState(index, np.array(group))
 
-    def _rest(
-        self, pose: list[float], position: Sequence[float], is_known: bool
-    ) -> list[list[float]]:
+    def _rest(self, pose: list[float], position: list[float], is_known: bool) -> list[list[float]]:
         """Groups of the state of a rod at rest."""
         clamp = self._clamp_at(pose, position)
         force = Axes.from_quaternion(clamp[:4]).components(_UPWARDS)
@@ -140,12 +140,12 @@ class FlexibleArm(LeafSystem):
         base = [*clamp, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL]
         return [modal + base, *self._forces(modal, base, pose, position)]
 
-    def _clamp_at(self, pose: Sequence[float], position: Sequence[float]) -> list[float]:
+    def _clamp_at(self, pose: Sequence[float], position: list[float]) -> list[float]:
         """Pose (7) of the clamp in the world."""
         if not self._arm.count:
             return list(pose)
         *quaternion, x, y, z = pose
-        place, rotation = self._arm.link_poses(position)[-1]
+        place, rotation = self._links(position)[-1]
         turned = quaternions.of_axes(list(zip(*rotation, strict=True)))
         there = Axes.from_quaternion(quaternion).in_world(place)
         return [*quaternions.product(quaternion, turned), *plus((x, y, z), there)]
@@ -157,7 +157,7 @@ class FlexibleArm(LeafSystem):
         count = self._arm.count
         if not count:
             return velocity
-        axes, links = Axes.from_quaternion(pose[:4]), self._arm.link_poses(joints[:count])
+        axes, links = Axes.from_quaternion(pose[:4]), self._links(joints[:count])
         clamp = links[-1].place
         turning, moving = _STILL, _STILL
         for joint, link, rate in zip(self._arm.joints, links, joints[count:], strict=True):
@@ -174,10 +174,10 @@ class FlexibleArm(LeafSystem):
         return [*angular, *linear]
 
     def _forces(
-        self, modal: list[float], base: list[float], pose: list[float], position: Sequence[float]
+        self, modal: list[float], base: list[float], pose: list[float], position: list[float]
     ) -> tuple[list[float], list[float]]:
         """Numbers of `wrench` and `bending_force`."""
-        motion, links = _motion_in(base), self._arm.link_poses(position)
+        motion, links = _motion_in(base), self._links(position)
         bending = self._motion.bending_wrench(modal, motion)
         rigid = self._motion.rigid_wrench(motion)
         place = _STILL

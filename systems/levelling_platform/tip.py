@@ -1,0 +1,327 @@
+"""Inverse kinematics of the arm's tip: height of the platform, turntable and arm for a point.
+
+Points are in the world W: its origin is in the middle of the four feet on the ground's plane, its
+z axis is vertical, and x is the platform's forward direction. The tip of a rod on a turntable is
+
+    p = F(h) + R (b + (L - s) u + sag),
+
+with the platform's centre F at height h above the plane, its attitude R, the joints' common place
+b, the rod's direction u by turntable and arm, and its sag and shortening s under its own weight.
+At an attitude, points that the tip reaches are a shell: spheres of radius L about b, whose height
+the legs set. So the arm points, and the legs bring the rod's length to the point: for a rigid rod
+in closed form, as |p - F(h) - R b| = L has one root within the legs' stroke, and turntable and arm
+follow from the direction. The sag, some hundredths of the length, is compensated by aiming beside
+the point by what the tip misses it; every step leaves about a thirtieth of the error.
+
+What is left is in the answer: `TipSolution.error` is the distance of the tip from the point by
+the exact forward kinematics, whatever has been solved for. The attitude is free: two angles with
+which stroke and stability may be bought, see `TipReach.with_attitude`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from parapod.systems.arm.flexible_rod import FlexibleRod
+from parapod.systems.arm.serial_arm import SerialArm
+from parapod.systems.core.batching import of_width
+from parapod.systems.core.elementwise import Elementwise, nan_without_warning
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
+from parapod.systems.core.vectors import Array
+from parapod.systems.levelling_platform.geometry import PlatformGeometry
+from parapod.systems.levelling_platform.kinematics import height_range
+from parapod.systems.levelling_platform.leg import extension_on_plane, foot_to_centre
+from parapod.systems.levelling_platform.plane import normal_of, to_platform, to_world
+
+# Degree of the polynomials by which the platform's centre moves with its height: exact to
+# nanometres over the stroke.
+_DEGREE = 7
+# Steps of Newton's method along the height; aims beside the point, each of which leaves a
+# thirtieth of the sag.
+_NEWTON, _AIMS = 2, 5
+# Distance from the point at which the tip counts as there [m].
+REACHED = 1e-6
+# Heights from the middle at which a solution is looked for, by the range of heights [-]; and those
+# that Newton's method may pass [m].
+_BEYOND, _FARTHEST = 0.75, 0.5
+_TINY = 1e-300  # keeps 0 / 0 away
+# Rows that are solved at once, so that they stay in the processor's cache.
+_ROWS = 4096
+
+
+# Cosine and sine of an angle.
+type Axis = tuple[Elementwise, Elementwise]
+
+
+class UnreachableTip(ParapodError):
+    """A point that the arm's tip does not reach.
+
+    Attributes:
+        point: the point (3) [m].
+        nearest: the nearest point that it reaches at the attitude (3) [m].
+    """
+
+    def __init__(self, point: Array, nearest: Array):
+        self.point, self.nearest = point, nearest
+        there, here = (", ".join(f"{1e3 * x:.1f}" for x in place) for place in (point, nearest))
+        away = 1e3 * float(np.linalg.norm(point - nearest))
+        super().__init__(
+            f"the tip does not reach ({there}) mm; the nearest point that it reaches is ({here}) "
+            f"mm, {away:.1f} mm away"
+        )
+
+
+class TipSolution(NamedTuple):
+    """Posture, joints and legs that bring the tip to points, and what they are worth.
+
+    Attributes:
+        posture: roll, pitch, height (..., 3) of the platform [rad, rad, m].
+        joints: turntable and arm (..., 2) [rad].
+        extension: extensions of the legs (..., 4) [m].
+        error: distance of the tip from the point, by the forward kinematics (...) [m].
+        stroke_left: stroke that the tightest leg has left (...), below zero out of stroke [m].
+    """
+
+    posture: Array
+    joints: Array
+    extension: Array
+    error: Array
+    stroke_left: Array
+
+    @property
+    def is_reached(self) -> NDArray[np.bool_]:
+        """Whether the tip is at the point, with all legs in their stroke (...)."""
+        return (self.error < REACHED) & (self.stroke_left >= 0.0)
+
+
+@dataclass(frozen=True)
+class TipReach:
+    """Reach of a rod's tip on some ground, at an attitude of the platform.
+
+    Attributes:
+        geometry: the platform.
+        arm: a turntable about z, and a joint across it in the same place; the tip is along its
+            link's z axis.
+        rod: the rod that bends; None: it is rigid.
+        ground: roll and pitch of the ground [rad].
+        attitude: roll and pitch of the platform [rad].
+    """
+
+    geometry: PlatformGeometry
+    arm: SerialArm
+    rod: FlexibleRod | None = None
+    ground: tuple[float, float] = (0.0, 0.0)
+    attitude: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuses other arms.
+
+        Raises:
+            ValueError: an arm that is not a rod on a turntable.
+        """
+        axes = [joint.axis for joint in self.arm.joints]
+        if axes != [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)] or any(self.arm.joints[1].place):
+            raise ValueError("the arm must be a rod on a turntable: joints about z and y, in one")
+
+    def with_attitude(self, roll: float, pitch: float) -> Self:
+        """The same at another attitude [rad]: the platform's two free angles."""
+        return replace(self, attitude=(roll, pitch))
+
+    @cached_property
+    def heights(self) -> tuple[float, float]:
+        """Smallest and largest height of the platform at the attitude [m]."""
+        low, high = height_range(self.geometry, self.attitude, self.ground).tolist()
+        return low, high
+
+    @nan_without_warning
+    def tip_position(self, height: ArrayLike, joints: ArrayLike) -> Array:
+        """Place of the tip (..., 3) in the world, sagging at rest [m].
+
+        Args:
+            height: heights of the platform (...) [m].
+            joints: turntable and arm (..., 2) [rad].
+        """
+        turn, swing = np.moveaxis(of_width(joints, 2, "joints"), -1, 0)
+        centre, _ = self._centre(np.asarray(height, dtype=float))
+        angles = (np.cos(turn), np.sin(turn)), (np.cos(swing), np.sin(swing))
+        base = plus(self.arm.joints[0].place, self._from_base(*angles))
+        return _join(plus(centre, to_world(base, *self.attitude)))
+
+    @nan_without_warning
+    def solve(self, point: ArrayLike) -> TipSolution:
+        """Height, turntable and arm that bring the tip to points; what misses says so.
+
+        Args:
+            point: points (..., 3) in the world [m].
+        """
+        points = np.asarray(of_width(point, 3, "point"), dtype=float)
+        flat = points.reshape(-1, 3)
+        parts = [self._solve(flat[i : i + _ROWS]) for i in range(0, max(len(flat), 1), _ROWS)]
+        shape = points.shape[:-1]
+        joined = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return TipSolution(*(part.reshape((*shape, *part.shape[1:])) for part in joined))
+
+    def reach(self, point: ArrayLike) -> TipSolution:
+        """`solve`, for a point (3) that must be reached [m].
+
+        Raises:
+            UnreachableTip: the tip does not reach it; has the nearest point that it does.
+        """
+        solution = self.solve(point)
+        if not bool(solution.is_reached):
+            there = np.asarray(point, dtype=float)
+            raise UnreachableTip(there, self.nearest(there))
+        return solution
+
+    @nan_without_warning
+    def nearest(self, point: ArrayLike) -> Array:
+        """Nearest points (..., 3) that the tip reaches at the attitude [m].
+
+        Exact for a rigid rod that is free to turn; to some millimetres for one that sags.
+
+        Args:
+            point: points (..., 3) in the world [m].
+        """
+        points = np.asarray(of_width(point, 3, "point"), dtype=float)
+        solution = self._solve(points.reshape(-1, 3), is_bound=True)
+        lower, upper = self.arm.joints[1].lower, self.arm.joints[1].upper
+        turn, swing = np.moveaxis(solution.joints, -1, 0)
+        joints = np.stack([turn, np.clip(swing, lower, upper)], axis=-1)
+        return self.tip_position(solution.posture[..., 2], joints).reshape(points.shape)
+
+    @property
+    def _length(self) -> float:
+        return self.arm.tip_place[2]
+
+    @cached_property
+    def _normal(self) -> Vector3:
+        return normal_of(*self.ground)
+
+    def _centre(self, height: Elementwise) -> tuple[Vector3, list[Elementwise]]:
+        """Platform's centre in the world, and extensions of the legs."""
+        roll, pitch = self.attitude
+        g = to_platform(self._normal, roll, pitch)
+        above = height - self.geometry.foot_radius
+        extension = [extension_on_plane(leg, g, above) for leg in self.geometry.legs]
+        places = [
+            foot_to_centre(leg, d) for leg, d in zip(self.geometry.legs, extension, strict=True)
+        ]
+        x, y, z = (0.25 * sum(parts) for parts in zip(*places, strict=True))
+        middle = to_world((x, y, z), roll, pitch)
+        n = self._normal
+        along = minus(middle, scaled(n, dot(n, middle)))
+        return plus(along, scaled(n, height)), extension
+
+    @cached_property
+    def _base(self) -> Array:
+        """Coefficients (_DEGREE + 1, 3) of the joints' place by the height from the middle [m]."""
+        low, high = self.heights
+        nodes = np.cos(math.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        centre, _ = self._centre(middle + half * nodes)
+        base = plus(centre, to_world(self.arm.joints[0].place, *self.attitude))
+        coefficients = np.linalg.solve(np.vander(nodes, increasing=True), _join(base))
+        powers: Array = coefficients / half ** np.arange(_DEGREE + 1)[:, np.newaxis]
+        return powers
+
+    def _from_base(self, turn: Axis, swing: Axis) -> Vector3:
+        """Tip from the joints' place, in the platform's frame, for cosine and sine of each."""
+        (cos_t, sin_t), (cos_s, sin_s) = turn, swing
+        across, sideways, along = 0.0, 0.0, self._length
+        if self.rod is not None:
+            up_x, up_y, up_z = to_platform((0.0, 0.0, GRAVITY), *self.attitude)
+            out = cos_t * up_x + sin_t * up_y
+            f_z = sin_s * out + cos_s * up_z
+            sag = self.rod.sag(cos_s * out - sin_s * up_z, f_z, 0)
+            across, along = sag.across, along - sag.along
+            if up_x or up_y:
+                sag = self.rod.sag(cos_t * up_y - sin_t * up_x, f_z, 1)
+                sideways, along = sag.across, along - sag.along
+        out = along * sin_s + across * cos_s
+        return (
+            out * cos_t - sideways * sin_t,
+            out * sin_t + sideways * cos_t,
+            along * cos_s - across * sin_s,
+        )
+
+    def _solve(self, points: Array, is_bound: bool = False) -> TipSolution:
+        """`solve` for points (n, 3); bound, heights stay in stroke and the arm points there."""
+        x, y, z = points.T
+        aim: Vector3 = (x, y, z)
+        shift: Elementwise = np.zeros(len(points))
+        aims, last = _AIMS if self.rod is not None else 1, (aim, aim)
+        widest = (0.5 if is_bound else _BEYOND) * (self.heights[1] - self.heights[0])
+        for i in range(aims):
+            shift = self._shift_to(aim, shift, is_first=i == 0)
+            shift = np.clip(shift, -widest, widest)
+            place = self._base_at(shift)
+            v_x, v_y, v_z = to_platform(minus(aim, place), *self.attitude)
+            out_squared = v_x * v_x + v_y * v_y
+            out, whole = np.sqrt(out_squared), np.sqrt(out_squared + v_z * v_z)
+            turn = np.divide(v_x, out, out=np.ones_like(out), where=out > 0.0), v_y / (out + _TINY)
+            swing = v_z / whole, out / whole
+            if i + 1 < aims:
+                tip = plus(place, to_world(self._from_base(turn, swing), *self.attitude))
+                missed = minus((x, y, z), tip)
+                if is_bound:  # what is too far away along the rod cannot be made good
+                    direction = minus((x, y, z), place)
+                    by = dot(missed, direction) / dot(direction, direction)
+                    missed = minus(missed, scaled(direction, by))
+                following = plus(aim, missed)
+                if i and not is_bound:
+                    # Anderson's acceleration by the aim before.
+                    change = minus(missed, last[0])
+                    share = dot(missed, change) / (dot(change, change) + _TINY)
+                    following = minus(following, scaled(minus(following, last[1]), share))
+                last, aim = (missed, plus(aim, missed)), following
+        roll, pitch = self.attitude
+        height = sum(self.heights) * 0.5 + shift
+        centre, extension = self._centre(height)
+        base = plus(self.arm.joints[0].place, self._from_base(turn, swing))
+        missed = minus((x, y, z), plus(centre, to_world(base, roll, pitch)))
+        error = np.sqrt(dot(missed, missed))
+        d = np.stack(extension, axis=-1)
+        left = np.minimum(d - self.geometry.extension_min, self.geometry.extension_max - d)
+        return TipSolution(
+            np.stack(np.broadcast_arrays(roll, pitch, height), axis=-1),
+            np.stack([np.arctan2(v_y, v_x), np.arctan2(out, v_z)], axis=-1),
+            d,
+            np.where(np.isnan(error), math.inf, error),
+            np.where(np.isnan(d).any(axis=-1), -math.inf, left.min(axis=-1)),
+        )
+
+    def _base_at(self, shift: Elementwise) -> Vector3:
+        """Place of the joints in the world for heights from the middle."""
+        *lower, last = self._base.tolist()
+        x, y, z = last
+        for a, b, c in reversed(lower):
+            x, y, z = x * shift + a, y * shift + b, z * shift + c
+        return x, y, z
+
+    def _shift_to(self, aim: Vector3, start: Elementwise, is_first: bool) -> Elementwise:
+        """Height from the middle at which the rod's length reaches a point.
+
+        Of the two roots the one that is nearer to the middle of the legs' stroke.
+        """
+        rise, shift = self._base[1].tolist(), start
+        if is_first:
+            # A quadratic, for the joints move nearly along a line.
+            v = minus(aim, self._base_at(shift))
+            along, k_k = dot(v, rise), dot(rise, rise)
+            root = np.sqrt(along * along - k_k * (dot(v, v) - self._length**2))
+            shift = shift + (along - np.copysign(root, along)) / k_k
+        for _ in range(_NEWTON if is_first else 1):
+            shift = np.clip(shift, -_FARTHEST, _FARTHEST)
+            v = minus(aim, self._base_at(shift))
+            shift = shift + 0.5 * (dot(v, v) - self._length**2) / dot(v, rise)
+        return shift
+
+
+def _join(parts: Vector3) -> Array:
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
