@@ -1,4 +1,4 @@
-"""Swing a flexible arm by 45 deg in a second, and see how long its tip goes on to swing.
+"""Measure how long the tip of a flexible arm swings after a move, as it is and with shapers.
 
 The platform levels itself and holds; then the arm swings, once with the command as it is and once
 with each input shaper: zero vibration (ZV), zero vibration and derivative (ZVD), extra insensitive
@@ -105,7 +105,7 @@ class ArmVibration(LevellingExperiment[Runs]):
             "unshaped_residual_mm",
             unshaped,
             "mm",
-            meaning="amplitude of the tip after the swing, command as it is",
+            meaning="largest amplitude of the tip after the swing, command as it is",
         )
         for kind in KINDS[1:]:
             name = _NAMES[kind]
@@ -114,7 +114,7 @@ class ArmVibration(LevellingExperiment[Runs]):
                 100.0 * amplitudes[kind] / unshaped,
                 "%",
                 _BOUND,
-                meaning=f"amplitude with the {name} shaper by the one without",
+                meaning=f"ratio of the amplitude with the {name} shaper to that without",
             )
             yield Metric(
                 f"{kind}_delay_s",

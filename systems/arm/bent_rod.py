@@ -108,8 +108,8 @@ class BentRod(LeafSystem):
             }
             name = inspector.GetName(geometry).rpartition("::")[2]
             for i, (part, X_LP) in enumerate(_parts(shape, X_LG, self._rod.length)):
-                drawn = GeometryFrame(f"{name}_{i}")
-                frame_id = scene_graph.RegisterFrame(self._source, drawn)
+                carrier = GeometryFrame(f"{name}_{i}")
+                frame_id = scene_graph.RegisterFrame(self._source, carrier)
                 instance = GeometryInstance(RigidTransform(), part, f"{name}_{i}")
                 for setter, own in properties.items():
                     if own is not None:

@@ -281,6 +281,15 @@ class Entry:
     period: Callable[[Any], float] | None = None
 
 
+def rod_of_platform():
+    """A rod that is drawn as it bends, in the place of the arm's link."""
+    plant, scene_graph = MultibodyPlant(1e-3), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    model = add_platform(plant)
+    link = model.arm_joints[-1].child_body()
+    return {"rod": FlexibleRod(), "plant": plant, "link": link, "scene_graph": scene_graph}
+
+
 def of_model(add, **arguments):
     return lambda: {"model": model_of(add)[0]} | {name: f() for name, f in arguments.items()}
 
@@ -443,6 +452,10 @@ ENTRIES: dict[str, Entry] = {
             "arm_state": around(0.0, 0.2),
         },
         passes={"outputs are not finite": "pose velocity"},
+    ),
+    "BentRod": Entry(
+        rod_of_platform,
+        inputs={"clamp_pose": pose, "modal_state": around(0.0, 0.05)},
     ),
     "FlexibleArm": Entry(
         # So slow that any period carries it.
@@ -628,7 +641,7 @@ ENTRIES: dict[str, Entry] = {
     ),
     "MujocoPlant": Entry(
         translated,
-        inputs={"desired_state": around(0.0, 0.05)},
+        inputs={"desired_state": around(0.0, 0.05), "applied_force": around(0.0, 5.0)},
         period=lambda system: system.model.plant.time_step(),
         shares=True,
     ),

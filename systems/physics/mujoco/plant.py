@@ -135,6 +135,7 @@ class MujocoPlant(LeafSystem):
     def _update_state(self, context: Context, discrete_state: DiscreteValues) -> None:
         physics = self._restore(context)
         control = self._drives.control(read_array(self._desired, context), physics)
+        self.model.data.qfrc_applied[:] = 0.0
         if self._applied.HasValue(context):
             applied = read_array(self._applied, context)
             absurd = not np.abs(applied).max() < _LARGEST

@@ -222,6 +222,7 @@ def message(load, tmp_path):
         ("main: !Jaw {width_mm: 1}\n", [], "main: !Jaw {arm: x}\n", {"main": Jaw("x", 1.0)}),
         ("main: !Cup {vacuum_kpa: 1}\n", [], "main: !Jaw {arm: x}\n", {"main": Cup("left", 1.0)}),
         (None, ["main=!Cup {}", "main.vacuum_kpa=6"], None, {"main": Cup(vacuum_kpa=6.0)}),
+        (None, ["main=!Cup"], None, {"main": Cup()}),
         ("other: null\n", [], "other: !Cup {}\n", {"other": None}),
     ],
 )
@@ -361,7 +362,7 @@ OVERRIDES = [
     ("main=!Jaw {width_mm: 300}", "main.width_mm = 300 is outside 0..200"),
     ("main=!Cup {radii_mm: [1, 99]}", "main.radii_mm.1 = 99 is outside 1..50"),
     ("main=!!python/object:os.system {}", "main must begin with one of the tags !Jaw, !Cup, not "),
-    ("main=!Jaw", "override 'main=!Jaw', line 1: expected a mapping node"),
+    ("main=!Jaw 3", "override 'main=!Jaw 3', line 1: expected a mapping node"),
     # Tags of YAML's own that do not fit, and numbers that have no decimal form
     ("backend=!!bool 1", "override 'backend=!!bool 1' is not YAML: a value does not fit its tag"),
     ("seed=!!int x", "override 'seed=!!int x' is not YAML: invalid literal"),
