@@ -140,7 +140,7 @@ CARD = "PXIe-6363 PXI1Slot2 at unix:"
     [
         (
             [*fakes()[:-1], NotFittedPart("wheel")],
-            r"hardware.drivers.4.part = 'wheel' is not one of arm, imu, legs, wheels",
+            r"hardware.drivers.3.part = 'wheel' is not one of arm, imu, legs, wheels",
         ),
         (
             [driver for driver in fakes() if driver.part != "imu"],
