@@ -25,7 +25,7 @@ from parapod.diagrams.levelling_platform.shaping import shaping_system
 from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits
-from parapod.diagrams.wiring import add, connect, named_source
+from parapod.diagrams.wiring import add, connect, named, named_source
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
@@ -81,9 +81,7 @@ def _arm_source(scenario: LevellingScenario, way: PiecewisePolynomial) -> System
     source = add(builder, TrajectorySource(way), "way")
     connect(builder, source.get_output_port(), shaper.get_input_port())
     builder.ExportOutput(shaper.get_output_port(), name)
-    diagram: System = builder.Build()
-    diagram.set_name("shaped_way_of_the_arm")
-    return diagram
+    return named(name, builder.Build())
 
 
 def swing_to(

@@ -284,7 +284,7 @@ class FlexibleArm(LeafSystem):
 
 
 def _is_sane(pose: list[float], *motions: list[float]) -> bool:
-    """Whether a pose and its derivatives are finite, and not absurdly large."""
+    """Check that a pose and its derivatives are finite, and not absurdly large."""
     numbers = (number for part in (pose, *motions) for number in part)
     return any(pose[:4]) and sum(map(abs, numbers)) < _ABSURD
 

@@ -40,7 +40,7 @@ MOST_MODES = 3
 _NODES = 48
 # End of the first mode's bracket: beyond the wave number of a rod without a tip mass, 1.8751.
 _FIRST = 1.88
-_NAMES = ("length", "mass", "tip_mass", "bending_stiffness", "damping_ratio", "modes")
+_POSITIVE = ("length", "mass", "tip_mass", "bending_stiffness")
 
 
 class Sag(NamedTuple):
@@ -86,7 +86,7 @@ class FlexibleRod:
         Raises:
             ValueError: names the attribute, and the admissible values.
         """
-        for name in _NAMES[:4]:
+        for name in _POSITIVE:
             least = np.min(getattr(self, name))
             if not (least > 0.0 or (name == "tip_mass" and least == 0.0)):
                 raise ValueError(f"{name} = {getattr(self, name)} must be above 0")

@@ -96,7 +96,7 @@ class TipSolution(NamedTuple):
 
     @property
     def is_reached(self) -> NDArray[np.bool_]:
-        """Whether the tip is at the point, with all legs in their stroke (...)."""
+        """Flags of tips that are at their points, with all legs in their stroke (...)."""
         return (self.error < REACHED) & (self.stroke_left >= 0.0)
 
 
