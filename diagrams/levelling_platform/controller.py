@@ -4,7 +4,7 @@ The posture chain of Fig. 18 is shared; one controller obeys a trigger, the othe
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -98,11 +98,12 @@ def _shifted(what: str, measured: str, corrected: str, by: Array) -> tuple[Wired
     return (total, {"u0": measured, "u1": offset, "sum": corrected}), (constant, {"y0": offset})
 
 
-def _posture_chain(
+def posture_chain(
     scenario: LevellingScenario,
     on_unreachable: Literal["raise", "clamp"],
     enable: str,
     calculated: str = "extension_desired_state",
+    correction: Sequence[Wired] | None = None,
 ) -> tuple[list[System | Wired], dict[str, str]]:
     """Estimators, reference, kinematic feedforward and passive leg, and signals of their ports.
 
@@ -111,6 +112,8 @@ def _posture_chain(
         on_unreachable: reaction of `PostureReference` to a command outside the workspace.
         enable: signal that tells that postures are to be followed.
         calculated: signal of the extensions and rates that follow from the posture.
+        correction: systems that make `posture_corrected_state` of the reference; None: the loop
+            of the inclination, if the scenario has it.
     """
     control, geometry = scenario.control, scenario.geometry_as_known
     period, limits = control.period, scenario.machine.posture_reference
@@ -119,10 +122,10 @@ def _posture_chain(
     reference = PostureReference(geometry, limits, on_unreachable, period)
     chain: list[System | Wired] = [*systems, GroundEstimator(geometry, period)]
     chain.append((reference, enabled))
-    followed = {}
-    if control.outer_loop:
-        chain.append((PostureLoop(posture_loop_params(scenario), period=period), enabled))
-        followed = {"posture_desired_state": "posture_corrected_state"}
+    if correction is None and control.outer_loop:
+        correction = [(PostureLoop(posture_loop_params(scenario), period=period), enabled)]
+    followed = {"posture_desired_state": "posture_corrected_state"} if correction else {}
+    chain += correction or ()
     feedforward = KinematicFeedforward(geometry, law=control.feedforward, period=period)
     passive = PassiveLegSolver(geometry), followed | {"extension_desired_state": calculated}
     chain += [(feedforward, enabled | followed), passive]
@@ -220,7 +223,7 @@ def make_controller(
         scenario: its `control` part is used.
         on_unreachable: reaction of `PostureReference` to a command outside the workspace.
     """
-    chain, names = _posture_chain(scenario, on_unreachable, "ground_valid")
+    chain, names = posture_chain(scenario, on_unreachable, "ground_valid")
     pi = PiController(pi_params(scenario), period=scenario.control.period)
     systems = [*chain, (pi, {"enable": "ground_valid"})]
     return wired("controller", systems, _SHOWN, names | {"trigger": "estimate_ground"})
@@ -246,7 +249,7 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     machine, period = scenario.machine, scenario.control.period
     geometry, wheels = scenario.geometry_as_known, machine.wheel_geometry
     calculated = "extension_calculated_state"
-    chain, names = _posture_chain(scenario, "clamp", "posture_control", calculated)
+    chain, names = posture_chain(scenario, "clamp", "posture_control", calculated)
     supervisor = Supervisor(geometry, machine.supervisor, wheels.standing_height, period)
     # Legs follow the posture, trimmed by contact, or go up and down by themselves.
     trimmed = {
@@ -265,7 +268,7 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
             {"u0": "drive_request", "y0": "wheel_request"},
         ),
         FaultDetector(geometry, machine.fault_detector, period),
-        *_arm_chain(scenario),
+        *arm_chain(scenario),
     ]
     unused = () if is_operated else ("jog_request", "operator_age")
     arm = _ARM_SHOWN if machine.masses.arm.count else ()
@@ -273,11 +276,16 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
     return wired("controller", systems, outputs, names | _SUPERVISED, unused)
 
 
-def _arm_chain(scenario: LevellingScenario) -> list[Wired]:
-    """The monitor of the arm's moves and, if the scenario says so, what shapes them."""
+def arm_chain(scenario: LevellingScenario, enable: str = "arm_enable") -> list[Wired]:
+    """The monitor of the arm's moves and, if the scenario says so, what shapes them.
+
+    Args:
+        scenario: its `machine` and `control` are used.
+        enable: signal that tells that moves may begin.
+    """
     machine, period = scenario.machine, scenario.control.period
     geometry, limits = scenario.geometry_as_known, machine.stability_monitor
-    signals = {"enable": "arm_enable"}
+    signals = {"enable": enable}
     monitor, shaper = StabilityMonitor(geometry, limits, period=period), shaping_system(scenario)
     if shaper is None:
         return [(monitor, signals)]

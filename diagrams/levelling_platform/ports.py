@@ -184,6 +184,15 @@ def _arm_ports(arm: SerialArm) -> tuple[Port, ...]:
         ),
         Truth("tip_pose", 7, "-, -, -, -, m, m, m", "quaternion and place of its tip"),
         Truth("tip_deflection", 3, "m", "tip from where a rigid arm has it, by the last link"),
+        Inner(
+            *("tip_command", "m", "point at which the tip is wanted, or point and view"),
+            elements=("x", "y", "z"),
+        ),
+        Inner("tip_goal", "m", "point that is aimed at", elements=("x", "y", "z")),
+        Inner("tip_estimated", "m", "tip as the machine measures it", elements=("x", "y", "z")),
+        Inner("tip_arrived", "0/1", "1 once the tip is at its point, or comes no nearer"),
+        Inner("tip_refused", "0/1", "1 while the tip cannot be where it is wanted"),
+        Inner("points_done", "-", "number of points at which the tip has stayed"),
         Inner("arm_refused", "0/1", "1 while the requested move of the arm is refused"),
         Inner("arm_margin", "m", "least stability margin along the requested move"),
     )

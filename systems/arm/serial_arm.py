@@ -276,8 +276,8 @@ class SerialArm:
         for joint, link, rotation, origin, v, a in zip(
             self.joints, self.links, rotations, origins, rate, acceleration, strict=True
         ):
-            pull = _turned_back(rotation, plus(pull, _rigid(spin, bend, origin)))
-            spin, bend = _turned_back(rotation, spin), _turned_back(rotation, bend)
+            pull = turned_back(rotation, plus(pull, _rigid(spin, bend, origin)))
+            spin, bend = turned_back(rotation, spin), turned_back(rotation, bend)
             along = scaled(joint.axis, v)
             if joint.kind == "revolute":
                 bend = plus(bend, plus(scaled(joint.axis, a), cross(spin, along)))
@@ -319,7 +319,8 @@ def rotated(rotation: Rotation, vector: Vector3) -> Vector3:
     return dot(a, vector), dot(b, vector), dot(c, vector)
 
 
-def _turned_back(rotation: Rotation, vector: Vector3) -> Vector3:
+def turned_back(rotation: Rotation, vector: Vector3) -> Vector3:
+    """A vector turned by the inverse of a rotation, which is given by its rows."""
     (a, b, c), (d, e, f), (g, h, i) = rotation
     x, y, z = vector
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z

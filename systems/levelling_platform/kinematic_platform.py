@@ -10,16 +10,15 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.ports import read
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.core.triples import dot, minus, scaled
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
     NO_OFFSETS,
     OnInclinedGround,
 )
-from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.leg import over_feet
 from parapod.systems.levelling_platform.model import standing_pose
-from parapod.systems.levelling_platform.plane import normal_of, to_world
+from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
     Load,
@@ -131,13 +130,10 @@ class KinematicPlatform(OnInclinedGround):
         roll, pitch, _ = posture = self.part(context, STANCE["posture"]).tolist()
         ground = self._ground_of(context)
         pose = standing_pose(posture, ground)
-        legs = zip(self._legs, read(self._extension, context), strict=True)
-        to_centre = [to_world(foot_to_centre(leg, d), roll, pitch) for leg, d in legs]
-        n = normal_of(*ground)
         # F is over the middle of the feet: what is along the ground counts from there.
-        x, y, z = (0.25 * sum(parts) for parts in zip(*to_centre, strict=True))
-        middle = minus((x, y, z), scaled(n, dot(n, (x, y, z))))
-        pose[4:] += middle
+        pose[4:] += over_feet(
+            self._legs, read(self._extension, context), (roll, pitch), normal_of(*ground)
+        )
         output.SetFromVector(pose)
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:

@@ -11,10 +11,12 @@ All functions work elementwise on floats, arrays and AutoDiffXd
 """
 
 import math
+from collections.abc import Sequence
 
 from parapod.systems.core.elementwise import Elementwise, atan2, sqrt
-from parapod.systems.core.triples import Vector3, dot
+from parapod.systems.core.triples import Vector3, dot, minus, scaled
 from parapod.systems.levelling_platform.geometry import LegGeometry
+from parapod.systems.levelling_platform.plane import to_world
 
 
 def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
@@ -74,6 +76,26 @@ def foot_to_centre(leg: LegGeometry, extension: Elementwise) -> Vector3:
     cb, sb = leg.e_b
     c_x, c_y, c_z = leg.p_MF
     return c_x - cb * x, c_y - sb * x, c_z - z
+
+
+def over_feet(
+    legs: Sequence[LegGeometry],
+    extension: Sequence[Elementwise],
+    attitude: tuple[Elementwise, Elementwise],
+    normal: Vector3,
+) -> Vector3:
+    """Vector along the ground from the middle of the feet to F, in the world [m].
+
+    Args:
+        legs: the legs (4).
+        extension: their extensions (4) [m].
+        attitude: roll and pitch of the platform [rad].
+        normal: the ground's normal in the world.
+    """
+    feet = [foot_to_centre(leg, d) for leg, d in zip(legs, extension, strict=True)]
+    x, y, z = (sum(parts) / len(feet) for parts in zip(*feet, strict=True))
+    middle = to_world((x, y, z), *attitude)
+    return minus(middle, scaled(normal, dot(normal, middle)))
 
 
 def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vector3]:

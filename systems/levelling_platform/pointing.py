@@ -1,0 +1,428 @@
+"""The arm's tip led to points: coarse by arm, turntable and posture, fine by the legs."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.core.remembered import Remembered
+from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+from parapod.systems.levelling_platform.kinematics import inverse_kinematics
+from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.plane import normal_of, to_platform
+from parapod.systems.levelling_platform.tip import UnreachableTip
+
+# Numbers of a point, and of a point with a direction of view.
+_POINT, _POINT_AND_VIEW = 3, 6
+# Singular values of the Jacobian, by the largest, that count [-].
+_SMALLEST = 1e-3
+# Reference that has come to its command [rad or m]; rate at rest [rad/s or m/s].
+_THERE, _AT_REST = 1e-6, 1e-9
+
+
+class TipFeedforward(LeafSystem):
+    """Posture, turntable and arm for a point at which the tip is wanted.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `tip_command` | w | m | point in the world; with a view, its direction behind it |
+    | in `ground` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
+    | in `enable` | 1 | - | above 0.5: follow commands |
+    | out `tip_goal` | 3 | m | point that is aimed at; NaN before the first |
+    | out `posture_command` | 3 | rad, rad, m | posture of the platform |
+    | out `arm_request` | n | rad or m | positions of the arm's joints |
+    | out `tip_refused` | 1 | 0/1 | 1 while the command is not what is aimed at |
+
+    w is 3, or 6 with a direction of view. Each new command, and each new estimate of the ground,
+    is answered once, by `CarriedArm.reach` from where the arm was last told to be: the answer may
+    jump, and what follows it, `PostureReference` and `StabilityMonitor`, does not.
+
+    A point out of reach ends the simulation with `UnreachableTip`, before anything moves towards
+    it, or with `on_unreachable="clamp"` the nearest point is aimed at. One that stability or the
+    machine's parts forbid ends it with `BarredTip`, or changes nothing.
+
+    State: discrete, each output; command, ground and offsets answered last (w + 6); updated every
+    period.
+
+    Bad input: a command or ground that is not finite changes nothing.
+    """
+
+    def __init__(
+        self,
+        carried: CarriedArm,
+        height: float,
+        has_view: bool = False,
+        on_unreachable: Literal["raise", "clamp"] = "raise",
+        period: float = 0.01,
+    ):
+        """Creates the system.
+
+        Args:
+            carried: platform and arm; their ground is what the inputs say.
+            height: height of the level platform until there is a command [m].
+            has_view: true if commands have a direction of view.
+            on_unreachable: what a command does that cannot be.
+            period: period of the updates [s].
+        """
+        if on_unreachable not in ("raise", "clamp"):
+            raise ValueError(f'on_unreachable must be "raise" or "clamp", not {on_unreachable!r}')
+        super().__init__()
+        self.set_name("tip_feedforward")
+        self._carried, self._on_unreachable = carried, on_unreachable
+        width = _POINT_AND_VIEW if has_view else _POINT
+        self._command = self.DeclareVectorInputPort("tip_command", width)
+        self._ground = self.DeclareVectorInputPort("ground", 2)
+        self._offsets = self.DeclareVectorInputPort("foot_offsets", LEG_COUNT)
+        self._enable = self.DeclareVectorInputPort("enable", 1)
+        outputs: tuple[tuple[str, Sequence[float]], ...] = (
+            ("tip_goal", [math.nan] * 3),
+            ("posture_command", [0.0, 0.0, height]),
+            ("arm_request", [0.0] * carried.arm.count),
+            ("tip_refused", [0.0]),
+        )
+        states: dict[str, Any] = {
+            name: self.DeclareDiscreteState(np.array(start)) for name, start in outputs
+        }
+        for name, state in states.items():
+            self.DeclareStateOutputPort(name, state)
+        self._goal, self._posture, self._joints, self._refused = (
+            states[name] for name, _ in outputs
+        )
+        self._answered: Any = self.DeclareDiscreteState(np.full(width + 2 + LEG_COUNT, math.nan))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_answer)
+
+    def _update_answer(self, context: Context, state: Any) -> None:
+        if not is_on(self._enable, context):
+            return
+        command, ground = read(self._command, context), read(self._ground, context)
+        offsets = read_or_zeros(self._offsets, context)
+        asked_for = np.array(command + ground + offsets)
+        answered = context.get_discrete_state(self._answered).value()
+        if not np.isfinite(asked_for).all() or np.array_equal(asked_for, answered):
+            return
+        carried = _on(self._carried, ground, offsets)
+        joints = context.get_discrete_state(self._joints).CopyToVector()
+        point, view = np.array(command[:_POINT]), command[_POINT:] or None
+        is_refused = False
+        try:
+            reach = carried.reach(point, joints, view)
+        except (UnreachableTip, BarredTip) as error:
+            if self._on_unreachable == "raise":
+                raise
+            is_refused = True
+            reach = None
+            if isinstance(error, UnreachableTip):
+                point = error.nearest
+                try:
+                    reach = carried.reach(point, joints)
+                except (UnreachableTip, BarredTip):
+                    reach = None
+        state.set_value(self._answered, asked_for)
+        state.set_value(self._refused, np.array([float(is_refused)]))
+        if reach is not None:
+            state.set_value(self._goal, point)
+            state.set_value(self._posture, reach.solution.posture)
+            state.set_value(self._joints, reach.solution.joints)
+
+
+@dataclass(frozen=True)
+class TipLoopParams:
+    """Design of the fine correction by the legs.
+
+    Attributes:
+        gain: k of the correction's rate [1/s]; the loop's crossover in rad/s.
+        angle_limit: largest correction of roll and pitch, either way [rad].
+        height_limit: largest correction of the height, either way [m].
+        tolerance: distance from the point at which the tip has arrived, as estimated [m].
+        patience: time at the end of which it has arrived wherever it is [s].
+        arm_tolerance: difference of a joint from its request with which the arm has come to rest
+            [rad or m].
+    """
+
+    gain: float = 2.0
+    angle_limit: float = math.radians(2.0)
+    height_limit: float = 0.02
+    tolerance: float = 5e-4
+    patience: float = 3.0
+    arm_tolerance: float = 2e-3
+
+
+class TipLoop(LeafSystem):
+    """Correction of the posture by which the legs bring the tip to its point, as it is measured.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `posture_desired_state` | 6 | rad, rad, m and rates | reference of the posture |
+    | in `posture_command` | 3 | rad, rad, m | posture to which the reference leads |
+    | in `tip_goal` | 3 | m | point at which the tip is wanted |
+    | in `arm_request` | n | rad or m | positions of the joints asked for |
+    | in `arm_position` | n | rad or m | measured positions |
+    | in `attitude` | 2 | rad | estimated roll and pitch of the platform |
+    | in `extension_measured` | 4 | m | measured extensions |
+    | in `ground` | 2 | rad | estimated roll and pitch of the ground |
+    | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
+    | in `enable` | 1 | - | above 0.5: correct; otherwise the correction is zero |
+    | out `posture_corrected_state` | 6 | rad, rad, m and rates | what the legs are asked for |
+    | out `tip_estimated` | 3 | m | the tip, as all of these see it |
+    | out `tip_arrived` | 1 | 0/1 | 1 once the tip is at its point, or comes no nearer |
+
+    The tip follows from the measured joints, the estimated attitude and the sag at rest. The
+    platform's height is the median of what its four legs tell on their own: one of them may stand
+    on ground that has given way. While reference and arm are at rest, the correction of roll,
+    pitch and height moves at k J^-1 times what the tip misses, with the Jacobian J of the tip by
+    the posture. During moves it stays: most of what it makes good, legs that are not built as
+    drawn, is there again.
+
+    A direction of view is not corrected: the legs have three freedoms, and the point takes them.
+
+    State: discrete, the correction (3) [rad, rad, m], whether arrived (1) and since when reference
+    and arm are at rest (1) [s]; updated every period.
+
+    Bad input: with a goal or a measurement that is not finite the correction stays, and so it does
+    where the legs would leave their stroke; a desired state that is not finite is passed on.
+    """
+
+    def __init__(
+        self,
+        carried: CarriedArm,
+        params: TipLoopParams = TipLoopParams(),
+        period: float = 0.01,
+    ):
+        """Creates the system.
+
+        Args:
+            carried: platform and arm; their ground is what the inputs say.
+            params: design of the loop.
+            period: period of the updates [s].
+        """
+        super().__init__()
+        self.set_name("tip_loop")
+        self._params, self._period, self._legs = params, period, carried.geometry.legs
+        self._on = Remembered(partial(_on, carried))
+        self._pull = Remembered(partial(_pull, self._on))
+        count = carried.arm.count
+        sizes = (
+            ("posture_desired_state", 6),
+            ("posture_command", 3),
+            ("tip_goal", 3),
+            ("arm_request", count),
+            ("arm_position", count),
+            ("attitude", 2),
+            ("extension_measured", LEG_COUNT),
+            ("ground", 2),
+            ("foot_offsets", LEG_COUNT),
+            ("enable", 1),
+        )
+        ports = {name: self.DeclareVectorInputPort(name, size) for name, size in sizes}
+        self._ports = ports
+        self._enable = ports["enable"]
+        self._correction: Any = self.DeclareDiscreteState(3)
+        self._arrived: Any = self.DeclareDiscreteState(1)
+        self._since: Any = self.DeclareDiscreteState(np.array([math.inf]))
+        seen = ("arm_position", "attitude", "extension_measured", "ground", "foot_offsets")
+        self.DeclareVectorOutputPort(
+            "posture_corrected_state",
+            6,
+            self._calc_corrected_state,
+            {
+                ports["posture_desired_state"].ticket(),
+                self.discrete_state_ticket(self._correction),
+            },
+        )
+        self._estimated: Any = self.DeclareVectorOutputPort(
+            "tip_estimated", 3, self._calc_tip, {ports[name].ticket() for name in seen}
+        )
+        self.DeclareStateOutputPort("tip_arrived", self._arrived)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_correction)
+
+    def _calc_corrected_state(self, context: Context, output: BasicVector) -> None:
+        posture = read(self._ports["posture_desired_state"], context)
+        correction = elements(context.get_discrete_state(self._correction))
+        for i, by in enumerate(correction):
+            posture[i] += by
+        output.SetFromVector(np.array(posture))
+
+    def _calc_tip(self, context: Context, output: BasicVector) -> None:
+        posture, joints = self._posture(context), read_array(self._ports["arm_position"], context)
+        if not np.isfinite([*posture, *joints]).all():
+            output.SetFromVector(np.full(3, math.nan))
+            return
+        output.SetFromVector(self._standing(context).tip_position(posture, joints))
+
+    def _standing(self, context: Context) -> CarriedArm:
+        """Platform and arm on the ground as it is estimated."""
+        ground = read(self._ports["ground"], context)
+        return self._on(ground, read_or_zeros(self._ports["foot_offsets"], context))
+
+    def _posture(self, context: Context) -> list[float]:
+        """Roll, pitch and height of the platform as measured."""
+        attitude = read(self._ports["attitude"], context)
+        extension = read(self._ports["extension_measured"], context)
+        ground = read(self._ports["ground"], context)
+        offsets = read_or_zeros(self._ports["foot_offsets"], context)
+        x, y, z = to_platform(normal_of(*ground), *attitude)
+        heights = []
+        for leg, d, offset in zip(self._legs, extension, offsets, strict=True):
+            p_x, p_y, p_z = foot_to_centre(leg, d)
+            heights.append(x * p_x + y * p_y + z * p_z + leg.foot_radius + offset)
+        return [*attitude, float(np.median(heights))]
+
+    def _update_correction(self, context: Context, state: Any) -> None:
+        now = context.get_time()
+        if not is_on(self._enable, context):
+            state.set_value(self._correction, np.zeros(3))
+            state.set_value(self._arrived, np.zeros(1))
+            state.set_value(self._since, np.array([math.inf]))
+            return
+        goal = read_array(self._ports["tip_goal"], context)
+        missed: NDArray[np.float64] = goal - self._estimated.Eval(context)
+        if not self._is_at_rest(context) or not np.isfinite(missed).all():
+            state.set_value(self._arrived, np.zeros(1))
+            state.set_value(self._since, np.array([math.inf]))
+            return
+        since = min(now, context.get_discrete_state(self._since)[0])
+        state.set_value(self._since, np.array([since]))
+        has_waited = now - since >= self._params.patience
+        is_near = float(np.linalg.norm(missed)) <= self._params.tolerance
+        was_there = context.get_discrete_state(self._arrived)[0] > 0.5
+        state.set_value(self._arrived, np.array([float(is_near or has_waited or was_there)]))
+        correction = context.get_discrete_state(self._correction).CopyToVector()
+        correction = self._moved(context, correction, missed)
+        state.set_value(self._correction, correction)
+
+    def _is_at_rest(self, context: Context) -> bool:
+        """Whether the reference has come to its command, and the arm to its request."""
+        desired = read(self._ports["posture_desired_state"], context)
+        command = read(self._ports["posture_command"], context)
+        request = read(self._ports["arm_request"], context)
+        position = read(self._ports["arm_position"], context)
+        moves = [abs(rate) for rate in desired[3:]]
+        ways = [abs(a - b) for a, b in zip(desired[:3], command, strict=True)]
+        turns = [abs(a - b) for a, b in zip(request, position, strict=True)]
+        return (
+            max(moves) < _AT_REST
+            and max(ways) < _THERE
+            and max(turns, default=0.0) < self._params.arm_tolerance
+        )
+
+    def _moved(
+        self, context: Context, correction: NDArray[np.float64], missed: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The correction a period later."""
+        params, carried = self._params, self._standing(context)
+        pull = self._pull(
+            read(self._ports["posture_command"], context),
+            read(self._ports["arm_request"], context),
+            list(carried.ground),
+            list(carried.foot_offsets),
+        )
+        step = params.gain * self._period * (pull @ missed)
+        limit = np.array([params.angle_limit, params.angle_limit, params.height_limit])
+        moved = np.clip(correction + step, -limit, limit)
+        desired = read_array(self._ports["posture_desired_state"], context)[:3]
+        reached = inverse_kinematics(
+            carried.geometry,
+            desired + moved,
+            carried.ground,
+            carried.foot_offsets,
+            on_unreachable="nan",
+        )
+        return moved if np.isfinite(reached).all() else correction
+
+
+def _on(carried: CarriedArm, ground: list[float], foot_offsets: list[float]) -> CarriedArm:
+    """Platform and arm on other ground."""
+    roll, pitch = ground
+    return replace(carried, ground=(roll, pitch), foot_offsets=tuple(foot_offsets))
+
+
+def _pull(
+    standing: Callable[..., CarriedArm],
+    posture: list[float],
+    joints: list[float],
+    ground: list[float],
+    foot_offsets: list[float],
+) -> NDArray[np.float64]:
+    """Change of the posture (3, 3) by which the tip moves, where it can."""
+    jacobian = standing(ground, foot_offsets).posture_jacobian(posture, joints)
+    pull: NDArray[np.float64] = np.linalg.pinv(jacobian, rcond=_SMALLEST)
+    return pull
+
+
+class TipScript(LeafSystem):
+    """Goes through a list of points, and stays a while at each.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `ground_valid` | 1 | - | above 0.5: begin |
+    | in `tip_arrived` | 1 | 0/1 | 1 once the tip is at its point |
+    | out `tip_command` | w | m | the present point; NaN before the first |
+    | out `points_done` | 1 | - | number of points at which the tip has stayed |
+
+    State: discrete, each output; when the present point was asked for and since when the tip has
+    been there (2) [s]; updated every period.
+
+    Bad input: an arrival that is not finite is none.
+    """
+
+    def __init__(
+        self,
+        points: Sequence[Sequence[float]],
+        hold: float = 0.5,
+        delay: float = 0.0,
+        period: float = 0.01,
+    ):
+        """Creates the script.
+
+        Args:
+            points: points (3), or points with directions of view (6) [m].
+            hold: time at each [s].
+            delay: time between the ground's estimate and the first [s].
+            period: period of the updates [s].
+        """
+        super().__init__()
+        self.set_name("tip_script")
+        self._points = [np.array(point, dtype=float) for point in points]
+        self._hold, self._delay, self._period = hold, delay, period
+        self._enable = self.DeclareVectorInputPort("ground_valid", 1)
+        self._arrival = self.DeclareVectorInputPort("tip_arrived", 1)
+        width = len(points[0]) if points else _POINT
+        self._command: Any = self.DeclareDiscreteState(np.full(width, math.nan))
+        self._done: Any = self.DeclareDiscreteState(1)
+        self._times: Any = self.DeclareDiscreteState(np.array([math.nan, math.inf]))
+        self.DeclareStateOutputPort("tip_command", self._command)
+        self.DeclareStateOutputPort("points_done", self._done)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _update(self, context: Context, state: Any) -> None:
+        now = context.get_time()
+        if not is_on(self._enable, context):
+            return
+        begun, since = elements(context.get_discrete_state(self._times))
+        count = int(context.get_discrete_state(self._done)[0])
+        if math.isnan(begun):
+            begun = now + self._delay
+        has_command = bool(np.isfinite(context.get_discrete_state(self._command)[0]))
+        if not has_command:
+            if now >= begun - 1e-9 and self._points:
+                state.set_value(self._command, self._points[0])
+                begun = now
+        elif count < len(self._points):
+            # The answer to a command comes two periods after it.
+            is_there = is_on(self._arrival, context) and now > begun + 3.0 * self._period
+            since = min(since, now) if is_there else math.inf
+            if now - since >= self._hold - 1e-9:
+                count += 1
+                begun, since = now, math.inf
+                state.set_value(self._done, np.array([float(count)]))
+                if count < len(self._points):
+                    state.set_value(self._command, self._points[count])
+        state.set_value(self._times, np.array([begun, since]))
