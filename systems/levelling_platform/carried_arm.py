@@ -16,13 +16,14 @@ with the inverse V of that sum's matrix and the Jacobian J (Siciliano and others
 section 3.5; for weights V). It is told to a serial arm of any joints, sagging or rigid, and what
 it finds is proved by the forward kinematics, whatever it did: `TipSolution.error`.
 
-It starts from where the arm is, and from places all over its joints' ranges, on a level platform
-and on one whose legs are all in the middle of their stroke. Of what they lead to, that counts
-which the arm reaches soonest, among those with stroke, stability and room. Where none does, the
-nearest point within stroke and joints follows from sequential quadratic programming.
+It starts from where the arm is, then from places all over its joints' ranges, on a level platform,
+and, where that leaves less than a tenth of the stroke, on one whose legs are all in the middle of
+it. Of what they lead to, that counts which the arm reaches soonest, among those with stroke,
+stability and room. Where none does, the nearest point within stroke and joints follows from
+sequential quadratic programming.
 
 Points are in the world W: its origin is in the middle of the four feet on the ground's plane, its
-z axis is vertical, and x is the platform's forward direction.
+z axis is vertical, and x is the direction in which the platform looks with legs of one length.
 """
 
 import math
@@ -40,7 +41,7 @@ from scipy.stats import qmc  # type: ignore[import-untyped]
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.serial_arm import LinkPose, SerialArm, rotated, turned_back
 from parapod.systems.core.batching import of_width
-from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sqrt
+from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sin_cos, sqrt
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.triples import Vector3, cross, dot, plus, scaled
 from parapod.systems.core.vectors import Array
@@ -50,7 +51,12 @@ from parapod.systems.levelling_platform.kinematics import (
     height_range,
     posture_jacobian,
 )
-from parapod.systems.levelling_platform.leg import extension_on_plane, over_feet
+from parapod.systems.levelling_platform.leg import (
+    Point,
+    extension_on_plane,
+    footprint,
+    pose_on_feet,
+)
 from parapod.systems.levelling_platform.plane import normal_of, to_platform, to_world
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.tip import TipSolution, UnreachableTip
@@ -71,6 +77,8 @@ _DIFFERENCE, _DAMPING = 1e-7, 1e-12
 _STEEPEST = 0.3
 # Places over the joints' ranges from which a solution is looked for.
 _STARTS = 16
+# Positions of the arm that tell its extent.
+_SAMPLES = 1024
 # Share of the stroke that a solution should leave, and share of that which counts as alike [-].
 _RESERVE, _ALIKE = 0.1, 0.7
 # Places along each link that must be clear of base and ground.
@@ -129,6 +137,10 @@ class CarriedArm:
         return self.params.arm
 
     @cached_property
+    def _footprint(self) -> list[Point]:
+        return footprint(self.geometry.legs, self.ground)
+
+    @cached_property
     def postures(self) -> Array:
         """Postures (1 or 2, 3) with room to all sides: level, and legs in mid-stroke."""
         middle = 0.5 * (self.geometry.extension_min + self.geometry.extension_max)
@@ -138,6 +150,14 @@ class CarriedArm:
         low, high = height_range(self.geometry, (0.0, 0.0), self.ground, self.foot_offsets)
         level = [[0.0, 0.0, 0.5 * (low + high)]] if low < high else []
         return np.array([*level, parallel])
+
+    @cached_property
+    def extent(self) -> Array:
+        """Smallest and largest places (2, 3) of the tip, the platform level: sampled [m]."""
+        spread = qmc.Halton(self.arm.count, scramble=False).random(_SAMPLES)
+        lower, upper = (limit[3:] for limit in self._limits)
+        places = self.tip_position(self.postures[0], lower + spread * (upper - lower))
+        return np.array([places.min(axis=0), places.max(axis=0)])
 
     def tip_position(self, posture: ArrayLike, joints: ArrayLike) -> Array:
         """Place of the tip (..., 3) in the world, sagging at rest [m].
@@ -204,19 +224,19 @@ class CarriedArm:
         place = np.asarray(point, dtype=float)
         target = _targets(place, view)
         at = np.zeros(self.arm.count) if joints is None else np.asarray(joints, dtype=float)
-        near = self._from(target, at[np.newaxis])
-        best = self._best(near, target, at)
-        if best is not None and near.stroke_left[best] >= self._reserve:
-            return self._row(near, best)
-        wide = self._from(target, self._starts(at))
-        best = self._best(wide, target, at)
+        level, wide = self.postures[:1], self._starts(at)
+        for joints, postures in ((at[np.newaxis], level), (wide, level), (wide, self.postures)):
+            solutions = self._from(target, joints, postures)
+            best = self._best(solutions, target, at)
+            if best is not None and solutions.stroke_left[best] >= self._reserve:
+                return self._row(solutions, best)
         if best is None:
-            wide = self._nearest(target, wide)
-            best = self._best(wide, target, at)
+            solutions = self._nearest(target, solutions)
+            best = self._best(solutions, target, at)
         if best is None:
-            self._refuse(target, wide)
+            self._refuse(target, solutions)
         assert best is not None
-        return self._row(wide, best)
+        return self._row(solutions, best)
 
     def margins(self, solution: TipSolution) -> Array:
         """Stability margins (...) of solutions, the arm at rest [m]."""
@@ -243,11 +263,13 @@ class CarriedArm:
             extension_on_plane(leg, g, height - offset - leg.foot_radius)
             for leg, offset in zip(self.geometry.legs, self.foot_offsets, strict=True)
         ]
-        along = over_feet(self.geometry.legs, extension, (roll, pitch), normal)
-        centre = plus(along, scaled(normal, height))
+        on_feet = pose_on_feet(
+            self.geometry.legs, extension, (roll, pitch), normal, self._footprint
+        )
+        centre = plus(on_feet.along, scaled(normal, height))
         place, axis = self._on_platform(joints, roll, pitch)
-        tip = plus(centre, to_world(place, roll, pitch))
-        view = to_world(axis, roll, pitch)
+        tip = _turned(plus(centre, to_world(place, roll, pitch)), on_feet.yaw)
+        view = _turned(to_world(axis, roll, pitch), on_feet.yaw)
         if is_single:
             return np.array([*tip, *view]), np.array(extension)
         numbers = np.broadcast_arrays(*tip, *view)
@@ -358,11 +380,9 @@ class CarriedArm:
         spread = qmc.Halton(self.arm.count, scramble=False).random(_STARTS + 1)[1:]
         return np.vstack([joints, lower + spread * (upper - lower)])
 
-    def _from(self, target: Array, joints: Array) -> TipSolution:
-        """Solutions from positions (m, n) of the joints, with each of the postures."""
-        chains = [
-            np.hstack([np.tile(posture, (len(joints), 1)), joints]) for posture in self.postures
-        ]
+    def _from(self, target: Array, joints: Array, postures: Array) -> TipSolution:
+        """Solutions from positions (m, n) of the joints, with each of some postures."""
+        chains = [np.hstack([np.tile(each, (len(joints), 1)), joints]) for each in postures]
         start = np.concatenate(chains)
         return self._solution(self._newton(np.tile(target, (len(start), 1)), start), target)
 
@@ -489,6 +509,13 @@ def _targets(point: ArrayLike, view: ArrayLike | None) -> Array:
 
 def _rows(solution: TipSolution, which: Any) -> TipSolution:
     return TipSolution(*(part[which] for part in solution))
+
+
+def _turned(vector: Vector3, yaw: Elementwise) -> Vector3:
+    """A vector turned about the vertical."""
+    sine, cosine = sin_cos(yaw)
+    x, y, z = vector
+    return cosine * x - sine * y, sine * x + cosine * y, z
 
 
 def _third(pose: LinkPose) -> Vector3:

@@ -2,21 +2,23 @@
 
 import functools
 import weakref
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.elementwise import sin_cos
 from parapod.systems.core.ports import read
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
     NO_OFFSETS,
     OnInclinedGround,
 )
-from parapod.systems.levelling_platform.leg import over_feet
+from parapod.systems.levelling_platform.leg import Point, footprint, pose_on_feet
 from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.statics import (
@@ -65,10 +67,11 @@ class KinematicPlatform(OnInclinedGround):
 
     Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
     one would have to pull, its foot lifts and the other three carry. With wheels these carry
-    where the feet do not. Ideal friction: the feet stay where they stand sideways, and yaw is
-    zero; where the wheels have driven to is left out.
+    where the feet do not. Ideal friction: the feet slip only by what legs of different lengths
+    spread them, and turn the platform by that (`base_pose`; its rate is left out); where the
+    wheels have driven to is left out.
 
-    The middle of the four feet is at the world's origin.
+    The middle of the four feet is at the world's origin. With legs of one length yaw is zero.
 
     All of it is one solution, and `stance` shows it in one vector: where several signals are read
     at every step, a C++ `Demultiplexer` behind `stance` costs less than their own ports.
@@ -100,6 +103,7 @@ class KinematicPlatform(OnInclinedGround):
         self.set_name("kinematic_platform")
         self._solved = Remembered(functools.partial(_solved, geometry, params, wheels))
         self._legs = geometry.legs
+        self._footprint = Remembered(functools.partial(_footprint, self._legs))
         self._extension = self.DeclareVectorInputPort("extension", LEG_COUNT)
         self._velocity = self.DeclareVectorInputPort("velocity", LEG_COUNT)
         self._at_zero = [0.0] * params.arm.count
@@ -129,11 +133,15 @@ class KinematicPlatform(OnInclinedGround):
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
         roll, pitch, _ = posture = self.part(context, STANCE["posture"]).tolist()
         ground = self._ground_of(context)
-        pose = standing_pose(posture, ground)
-        # F is over the middle of the feet: what is along the ground counts from there.
-        pose[4:] += over_feet(
-            self._legs, read(self._extension, context), (roll, pitch), normal_of(*ground)
+        normal, extension = normal_of(*ground), read(self._extension, context)
+        # F is over the middle of the feet, which turn it as they slip.
+        on_feet = pose_on_feet(
+            self._legs, extension, (roll, pitch), normal, self._footprint(ground)
         )
+        pose = standing_pose(posture, ground, on_feet.yaw)
+        x, y, z = pose[4:] + on_feet.along
+        sine, cosine = sin_cos(on_feet.yaw)
+        pose[4:] = cosine * x - sine * y, sine * x + cosine * y, z
         output.SetFromVector(pose)
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
@@ -147,6 +155,11 @@ class KinematicPlatform(OnInclinedGround):
             read(self._load, context) if self._load.HasValue(context) else [],
         )
         output.SetFromVector(stance)
+
+
+def _footprint(legs: Sequence[LegGeometry], ground: list[float]) -> list[Point]:
+    roll, pitch = ground
+    return footprint(legs, (roll, pitch))
 
 
 def _solved(

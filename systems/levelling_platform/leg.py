@@ -12,11 +12,15 @@ All functions work elementwise on floats, arrays and AutoDiffXd
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from parapod.systems.core.elementwise import Elementwise, atan2, sqrt
 from parapod.systems.core.triples import Vector3, dot, minus, scaled
 from parapod.systems.levelling_platform.geometry import LegGeometry
 from parapod.systems.levelling_platform.plane import to_world
+
+# Horizontal components of a place.
+type Point = tuple[Elementwise, Elementwise]
 
 
 def long_side(leg: LegGeometry, extension: Elementwise) -> tuple[Elementwise, Elementwise]:
@@ -78,24 +82,85 @@ def foot_to_centre(leg: LegGeometry, extension: Elementwise) -> Vector3:
     return c_x - cb * x, c_y - sb * x, c_z - z
 
 
-def over_feet(
+class FeetPose(NamedTuple):
+    """Place and heading of a platform over the feet on which it stands.
+
+    Attributes:
+        along: vector along the ground from the middle of the feet to F, in the world [m].
+        yaw: heading against that of a platform with legs of one length on the same feet [rad].
+    """
+
+    along: Vector3
+    yaw: Elementwise
+
+
+def footprint(legs: Sequence[LegGeometry], ground: tuple[float, float]) -> list[Point]:
+    """Places (4) of the feet about their middle, of a platform with legs of one length [m].
+
+    Horizontal components, of legs in mid-stroke, seen by a world in which the platform has no yaw.
+
+    Args:
+        legs: the legs (4).
+        ground: roll and pitch of the ground [rad].
+    """
+    middles = [0.5 * (leg.extension_min + leg.extension_max) for leg in legs]
+    return _about_middle(_from_feet(legs, middles, ground))
+
+
+def pose_on_feet(
     legs: Sequence[LegGeometry],
     extension: Sequence[Elementwise],
     attitude: tuple[Elementwise, Elementwise],
     normal: Vector3,
-) -> Vector3:
-    """Vector along the ground from the middle of the feet to F, in the world [m].
+    print_of_feet: Sequence[Point],
+) -> FeetPose:
+    """Place and heading over feet that give way to the legs evenly, as if friction were alike.
+
+    Legs of different lengths spread their feet unevenly, for each swings in a plane of its own:
+    the feet slip, and the platform turns by what leaves them nearest to where they were (least
+    squares; on 2 and 3 deg of ground the paper's platform turns by .06 deg when it levels itself).
 
     Args:
         legs: the legs (4).
         extension: their extensions (4) [m].
         attitude: roll and pitch of the platform [rad].
         normal: the ground's normal in the world.
+        print_of_feet: the `footprint` on this ground.
     """
-    feet = [foot_to_centre(leg, d) for leg, d in zip(legs, extension, strict=True)]
-    x, y, z = (sum(parts) / len(feet) for parts in zip(*feet, strict=True))
-    middle = to_world((x, y, z), *attitude)
-    return minus(middle, scaled(normal, dot(normal, middle)))
+    from_feet = _from_feet(legs, extension, attitude)
+    middle = _middle(from_feet)
+    sine, cosine = 0.0, 0.0
+    for (x, y), (a, b) in zip(_about_middle(from_feet), print_of_feet, strict=True):
+        sine, cosine = sine + x * b - y * a, cosine + x * a + y * b
+    return FeetPose(minus(middle, scaled(normal, dot(normal, middle))), sine / cosine)
+
+
+def _from_feet(
+    legs: Sequence[LegGeometry],
+    extension: Sequence[Elementwise],
+    attitude: tuple[Elementwise, Elementwise],
+) -> list[Vector3]:
+    """Vectors from the feet to F, in a world in which the platform has no yaw.
+
+    Feet are round, turn with the platform and roll by that: what stays is their lowest point, as
+    the platform parallel to the ground has it.
+    """
+    vectors = []
+    for leg, d in zip(legs, extension, strict=True):
+        x, y, z = foot_to_centre(leg, d)
+        vectors.append(to_world((x, y, z + leg.foot_radius), *attitude))
+    return vectors
+
+
+def _about_middle(from_feet: Sequence[Vector3]) -> list[Point]:
+    """Horizontal places of the feet about their middle."""
+    x, y, _ = _middle(from_feet)
+    return [(x - f_x, y - f_y) for f_x, f_y, _ in from_feet]
+
+
+def _middle(points: Sequence[Vector3]) -> Vector3:
+    x, y, z = (sum(parts) / len(points) for parts in zip(*points, strict=True))
+    return x, y, z
 
 
 def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vector3]:

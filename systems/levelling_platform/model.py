@@ -54,7 +54,7 @@ from parapod.systems.physics.loops import Ball, Coupling
 WHEEL_COUNT = 4
 
 
-def standing_pose(posture: ArrayLike, ground: ArrayLike) -> NDArray[np.float64]:
+def standing_pose(posture: ArrayLike, ground: ArrayLike, yaw: float = 0.0) -> NDArray[np.float64]:
     """Quaternion (w, x, y, z) and position (7) of a platform with this posture.
 
     Its centre stands above the world's origin, through which the ground's plane goes.
@@ -62,10 +62,11 @@ def standing_pose(posture: ArrayLike, ground: ArrayLike) -> NDArray[np.float64]:
     Args:
         posture: (3) roll, pitch, height [rad, rad, m].
         ground: (2) roll and pitch of the ground [rad].
+        yaw: its heading [rad].
     """
     roll, pitch, height = np.asarray(posture).tolist()
     normal = normal_of(*np.asarray(ground).tolist())
-    quaternion = RollPitchYaw(roll, pitch, 0.0).ToQuaternion().wxyz()
+    quaternion = RollPitchYaw(roll, pitch, yaw).ToQuaternion().wxyz()
     return np.concatenate((quaternion, height * np.array(normal)))
 
 

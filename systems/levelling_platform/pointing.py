@@ -273,7 +273,8 @@ class TipLoop(LeafSystem):
         for leg, d, offset in zip(self._legs, extension, offsets, strict=True):
             p_x, p_y, p_z = foot_to_centre(leg, d)
             heights.append(x * p_x + y * p_y + z * p_z + leg.foot_radius + offset)
-        return [*attitude, float(np.median(heights))]
+        _, low, high, _ = sorted(heights)
+        return [*attitude, 0.5 * (low + high)]
 
     def _update_correction(self, context: Context, state: Any) -> None:
         now = context.get_time()

@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from parapod.systems.arm.serial_arm import ArmJoint
 from parapod.systems.core.controls import Controls, Slider, shown
 from parapod.systems.core.ports import elements, is_on, read_array, read_or_zeros
+from parapod.systems.levelling_platform.carried_arm import CarriedArm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range
 from parapod.systems.levelling_platform.statics import PAPER_ARM
@@ -382,3 +383,53 @@ def slider_of(joint: ArmJoint) -> Slider:
     low = joint.lower / factor if isfinite(joint.lower) else -usual
     high = joint.upper / factor if isfinite(joint.upper) else usual
     return f"{joint.name} [{unit}]", low, high, 1.0, factor
+
+
+class TipSliders(LeafSystem):
+    """Commands the point of the arm's tip that three sliders show.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | out `tip_command` | 3 | m | the point in the world; jumps |
+
+    The sliders exist while `shown` is entered; they start where the tip is when the platform is
+    level and the arm at zero, and go as far as the arm from there, not below the ground. What
+    cannot be reached is left to `TipFeedforward` with `on_unreachable="clamp"`.
+
+    State: discrete, the command (3), read from the sliders every period.
+
+    Bad input: while there are no sliders the last command stays.
+    """
+
+    NAMES = ("tip x [mm]", "tip y [mm]", "tip z [mm]")
+
+    def __init__(
+        self, controls: Controls, carried: CarriedArm, height: float, period: float = 0.05
+    ):
+        """Creates the source; shows nothing yet.
+
+        Args:
+            controls: owner of the sliders: a `Meshcat`, or one with its methods.
+            carried: platform and arm.
+            height: height of the level platform [m].
+            period: period of reading the sliders [s].
+        """
+        super().__init__()
+        self.set_name("tip_sliders")
+        self._controls, self._carried = controls, carried
+        still = [0.0] * carried.arm.count
+        self._start = np.round(carried.tip_position((0.0, 0.0, height), still), 3)
+        self.DeclareStateOutputPort("tip_command", self.DeclareDiscreteState(self._start))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def shown(self) -> AbstractContextManager[None]:
+        """Shows the sliders, and takes them away at the end."""
+        low, high = np.floor(1e2 * self._carried.extent) * 10.0 + [[0.0], [10.0]]
+        low[2] = max(0.0, low[2])
+        ends = zip(self.NAMES, low.tolist(), high.tolist(), (1e3 * self._start), strict=True)
+        return shown(self._controls, [(name, a, b, 10.0, float(at)) for name, a, b, at in ends])
+
+    def _update(self, context: Context, discrete_state: Any) -> None:
+        if all(name in self._controls.GetSliderNames() for name in self.NAMES):
+            values = [1e-3 * self._controls.GetSliderValue(name) for name in self.NAMES]
+            discrete_state.set_value(np.array(values))
