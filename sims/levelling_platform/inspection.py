@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 # Largest distance of the tip from its point [mm]: of a machine as drawn; on bodies, whose feet
 # slip as the legs spread them, which no sensor sees, and whose drives yield; of one with errors.
 _PERFECT, _ON_BODIES, _WITH_ERRORS = 2.0, 5.0, 10.0
-# Largest amplitude of the rod's vibration at a point [mm]; unshaped it is more than ten times that.
+# Largest amplitude of the rod's vibration at a point [mm]; unshaped it is ten times that.
 _RESIDUAL = 15.0
 # Time for which the tip stays, beyond which a run goes on [s].
 _SEEN = 0.1
@@ -285,17 +285,17 @@ def tip_bound(scenario: LevellingScenario) -> float:
 
 def stays_of(run: Run) -> list[Stay]:
     """Times at which the tip has stayed at its points."""
-    done, arrived = run["points_done"][:, 0], run["tip_arrived"][:, 0] > 0.5
+    count, arrived = run["points_done"][:, 0], run["tip_arrived"][:, 0] > 0.5
     goal = run["tip_goal"]
     stays = []
-    for k in range(int(done[-1])):
-        end = int(np.flatnonzero(done > k)[0])
-        is_here = (np.arange(done.size) < end) & (done == k) & np.isfinite(goal[:, 0])
+    for k in range(int(count[-1])):
+        end = int(np.flatnonzero(count > k)[0])
+        is_here = (np.arange(count.size) < end) & (count == k) & np.isfinite(goal[:, 0])
         begin = float(run.time[np.flatnonzero(is_here)[0]])
         # What was true of the point before is not of this one.
         away = np.flatnonzero(is_here & ~arrived)
         first = int(away[-1]) + 1 if away.size else int(np.flatnonzero(is_here)[0])
-        counts = is_here & (np.arange(done.size) >= first)
+        counts = is_here & (np.arange(count.size) >= first)
         stays.append(Stay(goal[end - 1], begin, counts))
     return stays
 

@@ -154,9 +154,8 @@ class CarriedArm:
     @cached_property
     def extent(self) -> Array:
         """Smallest and largest places (2, 3) of the tip, the platform level: sampled [m]."""
-        spread = qmc.Halton(self.arm.count, scramble=False).random(_SAMPLES)
-        lower, upper = (limit[3:] for limit in self._limits)
-        places = self.tip_position(self.postures[0], lower + spread * (upper - lower))
+        joints = self._spread(np.zeros(self.arm.count), _SAMPLES)
+        places = self.tip_position(self.postures[0], joints)
         return np.array([places.min(axis=0), places.max(axis=0)])
 
     def tip_position(self, posture: ArrayLike, joints: ArrayLike) -> Array:
@@ -194,7 +193,7 @@ class CarriedArm:
 
         Args:
             point: points (..., 3) in the world [m].
-            joints: where the arm is (n), and by which its ways are counted [rad or m].
+            joints: positions (n) at which the arm is, and from which its ways count [rad or m].
             view: directions of view (..., 3), unit vectors in the world; None: any.
 
         Returns:
@@ -213,7 +212,7 @@ class CarriedArm:
 
         Args:
             point: point (3) in the world [m].
-            joints: where the arm is (n) [rad or m]; None: at zero.
+            joints: positions (n) at which the arm is [rad or m]; None: at zero.
             view: direction of view (3), a unit vector in the world; None: any.
 
         Raises:
@@ -224,7 +223,7 @@ class CarriedArm:
         place = np.asarray(point, dtype=float)
         target = _targets(place, view)
         at = np.zeros(self.arm.count) if joints is None else np.asarray(joints, dtype=float)
-        level, wide = self.postures[:1], self._starts(at)
+        level, wide = self.postures[:1], np.vstack([at, self._spread(at, _STARTS)])
         for joints, postures in ((at[np.newaxis], level), (wide, level), (wide, self.postures)):
             solutions = self._from(target, joints, postures)
             best = self._best(solutions, target, at)
@@ -373,12 +372,13 @@ class CarriedArm:
             np.where(np.isnan(left), -math.inf, left),
         )
 
-    def _starts(self, joints: Array) -> Array:
-        """Positions (m, n) all over the joints' ranges, those where the arm is first."""
+    def _spread(self, joints: Array, count: int) -> Array:
+        """Positions (count, n) all over the joints' ranges, half a turn from where they are."""
         lower, upper = (limit[3:] for limit in self._limits)
         lower, upper = np.maximum(lower, joints - math.pi), np.minimum(upper, joints + math.pi)
-        spread = qmc.Halton(self.arm.count, scramble=False).random(_STARTS + 1)[1:]
-        return np.vstack([joints, lower + spread * (upper - lower)])
+        spread = qmc.Halton(self.arm.count, scramble=False).random(count + 1)[1:]
+        positions: Array = lower + spread * (upper - lower)
+        return positions
 
     def _from(self, target: Array, joints: Array, postures: Array) -> TipSolution:
         """Solutions from positions (m, n) of the joints, with each of some postures."""

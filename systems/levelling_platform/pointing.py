@@ -69,7 +69,7 @@ class TipFeedforward(LeafSystem):
             carried: platform and arm; their ground is what the inputs say.
             height: height of the level platform until there is a command [m].
             has_view: true if commands have a direction of view.
-            on_unreachable: what a command does that cannot be.
+            on_unreachable: reaction to a command that cannot be.
             period: period of the updates [s].
         """
         if on_unreachable not in ("raise", "clamp"):
@@ -227,7 +227,7 @@ class TipLoop(LeafSystem):
         self._correction: Any = self.DeclareDiscreteState(3)
         self._arrived: Any = self.DeclareDiscreteState(1)
         self._since: Any = self.DeclareDiscreteState(np.array([math.inf]))
-        seen = ("arm_position", "attitude", "extension_measured", "ground", "foot_offsets")
+        sensors = ("arm_position", "attitude", "extension_measured", "ground", "foot_offsets")
         self.DeclareVectorOutputPort(
             "posture_corrected_state",
             6,
@@ -238,7 +238,7 @@ class TipLoop(LeafSystem):
             },
         )
         self._estimated: Any = self.DeclareVectorOutputPort(
-            "tip_estimated", 3, self._calc_tip, {ports[name].ticket() for name in seen}
+            "tip_estimated", 3, self._calc_tip, {ports[name].ticket() for name in sensors}
         )
         self.DeclareStateOutputPort("tip_arrived", self._arrived)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_correction)
@@ -407,23 +407,23 @@ class TipScript(LeafSystem):
         now = context.get_time()
         if not is_on(self._enable, context):
             return
-        begun, since = elements(context.get_discrete_state(self._times))
+        start, since = elements(context.get_discrete_state(self._times))
         count = int(context.get_discrete_state(self._done)[0])
-        if math.isnan(begun):
-            begun = now + self._delay
+        if math.isnan(start):
+            start = now + self._delay
         has_command = bool(np.isfinite(context.get_discrete_state(self._command)[0]))
         if not has_command:
-            if now >= begun - 1e-9 and self._points:
+            if now >= start - 1e-9 and self._points:
                 state.set_value(self._command, self._points[0])
-                begun = now
+                start = now
         elif count < len(self._points):
             # The answer to a command comes two periods after it.
-            is_there = is_on(self._arrival, context) and now > begun + 3.0 * self._period
+            is_there = is_on(self._arrival, context) and now > start + 3.0 * self._period
             since = min(since, now) if is_there else math.inf
             if now - since >= self._hold - 1e-9:
                 count += 1
-                begun, since = now, math.inf
+                start, since = now, math.inf
                 state.set_value(self._done, np.array([float(count)]))
                 if count < len(self._points):
                     state.set_value(self._command, self._points[count])
-        state.set_value(self._times, np.array([begun, since]))
+        state.set_value(self._times, np.array([start, since]))

@@ -44,12 +44,14 @@ from parapod.systems.actuators.position_drive import PositionDriveParams
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.input_shaper import Shaper
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.inclination_loop import PostureLoopParams
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.scripts import Step, Waypoint
-from parapod.systems.levelling_platform.statics import PAPER_ARM
+from parapod.systems.levelling_platform.statics import PAPER_ARM, KinematicPlatformParams
 from parapod.systems.levelling_platform.supervisor import Command, Phase
+from parapod.systems.levelling_platform.tip import UnreachableTip
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import Job, row_of_holes
@@ -190,6 +192,15 @@ def add_pedal_and_leg(plant):
         add_leg_on_slide(plant, UrdfLeg(), 30.0)
 
     return add_bench(plant, BenchGeometry.pedal(), add_more=add_leg)
+
+
+CARRIED = CarriedArm(PlatformGeometry(), KinematicPlatformParams(), margin=0.05)
+
+
+def tip(random, size):
+    """A point within reach, and a direction of view."""
+    place = np.add((1.03, 0.02, 2.36), random.uniform(-0.02, 0.02, 3))
+    return np.array([*place, 0.5, 0.0, 0.85])[:size]
 
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -688,6 +699,29 @@ ENTRIES: dict[str, Entry] = {
         inputs={"velocity_command": around(0.0, 5.0), "state": around(0.0, 5.0)},
         passes={"of a state that is not finite": "goal"},
     ),
+    "TipFeedforward": Entry(
+        lambda: {"carried": CARRIED, "height": 0.478},
+        variants=({"on_unreachable": "clamp", "has_view": True},),
+        inputs={"tip_command": tip},
+        limits={"tip_refused": BINARY},
+        passes={"NaN before the first": "tip_goal"},
+        raises=(UnreachableTip, BarredTip),
+    ),
+    "TipLoop": Entry(
+        lambda: {"carried": CARRIED},
+        inputs={"tip_goal": around((1.03, 0.02, 2.36), 0.02)},
+        limits={"tip_arrived": BINARY},
+        passes={
+            "is not finite is passed on": "posture_corrected_state",
+            "as all of these see it": "tip_estimated",
+        },
+    ),
+    "TipScript": Entry(
+        lambda: {"points": [(1.0, 0.0, 2.3), (0.5, 1.0, 2.3)]},
+        inputs={"tip_arrived": one_of(0.0, 1.0)},
+        passes={"NaN before the first": "tip_command"},
+    ),
+    "TipSliders": Entry(lambda: {"controls": Moved(), "carried": CARRIED, "height": 0.478}),
     "StabilityMonitor": Entry(
         limits={"refused": BINARY},
         passes={"margin minus infinity": "margin", "refuses every request": "margin_requested"},

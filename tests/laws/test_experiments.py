@@ -71,6 +71,10 @@ BRIEF = {
     "validate-kinematics": (*COARSE, *JOB[3:]),
     "deploy": ("backend=kinematic", "longest=3"),
     "fault-campaign": ("device=encoder", "phase=transport", "window=0.5"),
+    "inspect": (
+        *("backend=kinematic", "job.estimate_at=1.5", "job.settled_after=1.5"),
+        *("inspection.points=[{place_mm: [1030, 20, 2360]}]", "inspection.hold_s=0.1"),
+    ),
     "arm-vibration": (
         *("backend=kinematic", "job.estimate_at=1.5", "job.settled_after=1.5"),
         *("job.arm={start: 0.5, duration: 0.5}", "job.end=2.5"),

@@ -202,6 +202,19 @@ _PARTS = (
         quick=("backend=kinematic",),
     ),
     Part(
+        "inspect",
+        "The tip put to points",
+        "The paper's third task of the machine, to help in the positioning of the tip, which it "
+        "leaves to future work together with the coupling of platform, turntable and arm. Here "
+        "they are one chain: arm and turntable do what they can, the legs what is left, and "
+        "encoders and inertial sensor tell where the tip is.",
+        "inspect",
+        quick=(
+            "backend=kinematic",
+            "inspection.points=[{place_mm: [1030, 20, 2360]}, {place_mm: [930, 1620, 1430]}]",
+        ),
+    ),
+    Part(
         "identify-actuators",
         "The actuators",
         "Ten voltage steps with legs lifted and under the platform's weight give K from voltages "
