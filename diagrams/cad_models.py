@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -12,6 +13,11 @@ from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted, quoted_path
 from parapod.urdf import MODELS_DIR, configure_parser
+
+# Meshes whose convex hull Drake takes as a collision shape.
+_MESHES = (".obj", ".vtk", ".gltf")
+# Link that stands for the world in a URDF.
+_WORLD = "world"
 
 
 @dataclass(frozen=True)
@@ -144,7 +150,45 @@ def _reader(parser: Parser, urdf: str, key: str) -> Callable[[], Sequence[ModelI
     if not path.is_file():
         raise ScenarioError(f"{key} = {quoted(urdf)}: there is no such file", key)
     _add_packages(parser.package_map(), path)
-    return lambda: parser.AddModels(path)
+    text = _as_part(path)
+    if text is None:
+        return lambda: parser.AddModels(path)
+    return lambda: parser.AddModelsFromString(text, "urdf")
+
+
+def _as_part(path: Path) -> str | None:
+    """A URDF without what keeps it from being a part of a machine; None: it is one as it is.
+
+    That is a link "world" to which it is fixed, and meshes of collision shapes that Drake cannot
+    read: most public robots have STL files there, and only feet and wheels touch anything.
+    """
+    if path.suffix.lower() != ".urdf":
+        return None
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError:
+        return None  # Drake says what is wrong, and where
+    # Elements that go, and their parents.
+    surplus = [(root, link) for link in root.findall("link") if link.get("name") == _WORLD]
+    for joint in root.findall("joint"):
+        parent = joint.find("parent")
+        if parent is not None and parent.get("link") == _WORLD and joint.get("type") == "fixed":
+            surplus.append((root, joint))
+    for link in root.findall("link"):
+        for shape in link.findall("collision"):
+            mesh = shape.find("geometry/mesh")
+            name = "" if mesh is None else mesh.get("filename", "")
+            if name and Path(name).suffix.lower() not in _MESHES:
+                surplus.append((link, shape))
+    if not surplus:
+        return None
+    for owner, element in surplus:
+        owner.remove(element)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if "://" not in name:
+            mesh.set("filename", (path.parent / name).resolve().as_uri())
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _add_packages(packages: PackageMap, path: Path) -> None:
