@@ -87,7 +87,7 @@ class PlatformModel:
     @cached_property
     def base(self) -> RigidBody:
         """The platform's body; its origin is the centre F."""
-        return self.plant.GetBodyByName("base")
+        return self.plant.GetBodyByName("base", self.plant.GetModelInstanceByName("base"))
 
     @cached_property
     def legs(self) -> tuple[ModelInstanceIndex, ...]:

@@ -220,3 +220,27 @@ def test_devices_of_a_platform_without_an_arm_need_none_for_it():
     scenario = of("machine.arm=!None", f"hardware.drivers={drivers}", backend="hardware")
     station = Station(PLATFORM, scenario)
     assert station.GetOutputPort("status.age").size() == 4
+
+
+def test_a_public_robots_file_is_a_part(tmp_path):
+    """It stands in a world of its own, and its shapes are meshes that Drake does not read."""
+    shape = '<{0}><geometry><mesh filename="meshes/{1}"/></geometry></{0}>'
+    body = f'<inertial><mass value="1"/>{INERTIA}</inertial>'
+    shapes = shape.format("collision", "base.stl") + shape.format("visual", "base.obj")
+    limit = '<limit lower="-2" upper="2" effort="50" velocity="2"/>'
+    file = tmp_path / "robot.urdf"
+    file.write_text(
+        '<robot name="robot"><link name="world"/>'
+        f'<link name="base_link">{body}{shapes}</link><link name="tool0">{body}</link>'
+        '<joint name="world_joint" type="fixed"><parent link="world"/><child link="base_link"/>'
+        f"</joint>{JOINT.format('turn', 'revolute', 'base_link', 'tool0', '0 1 0', limit)}</robot>"
+    )
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "base.stl").write_text("solid base\nendsolid base\n")
+    (tmp_path / "meshes" / "base.obj").write_text(
+        "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+    )
+    machine = of(f"machine.arm=!Urdf {{file: {file}, tip: tool0}}").machine
+    check_design(machine)
+    assert [joint.name for joint in machine.masses.arm.joints] == ["turn"]
+    assert machine.masses.arm.mass == pytest.approx(1.0)
