@@ -1,5 +1,6 @@
 """Drives that are where they are commanded to be, as far as their limits let them."""
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.ports import elements, read
+from parapod.systems.core.remembered import Remembered
 
 # Share of a limit by which a command that keeps to it may exceed it, as numbers are rounded [-].
 _ROUNDED = 1e-6
@@ -62,8 +64,9 @@ class PositionDrive(LeafSystem):
     def __init__(self, params: Sequence[PositionDriveParams], period: float = 0.01):
         super().__init__()
         self.set_name("position_drive")
-        self._params, self._period = tuple(params), period
-        count = len(self._params)
+        self._count = count = len(params)
+        self._period = period
+        self._motion = Remembered(functools.partial(_motion_of, tuple(params), period))
         self._command = self.DeclareVectorInputPort("position_command", count)
         self._samples: Any = self.DeclareDiscreteState(2 * count)
         state = self.discrete_state_ticket(self._samples)
@@ -78,38 +81,49 @@ class PositionDrive(LeafSystem):
         """Puts the drives at rest at the given positions (n) [rad or m]."""
         context.SetDiscreteState(self._samples, np.tile(np.asarray(position, float), 2))
 
-    def _sampled(self, context: Context) -> tuple[list[float], list[float]]:
-        """Positions (n), and mean velocities (n) of the last period."""
-        samples = elements(context.get_discrete_state(self._samples))
-        count = len(self._params)
-        position, before = samples[:count], samples[count:]
-        return position, [(p - q) / self._period for p, q in zip(position, before, strict=True)]
+    def _sampled(self, context: Context) -> list[float]:
+        """Positions at the last sample, and at the one before (2n)."""
+        return elements(context.get_discrete_state(self._samples))
 
-    def _positions(self, context: Context) -> list[float]:
-        position, velocity = self._sampled(context)
-        return [
-            _led(params, self._period, *motion)
-            for params, *motion in zip(
-                self._params, position, velocity, read(self._command, context), strict=True
-            )
-        ]
+    def _motion_now(self, context: Context) -> list[float]:
+        """Numbers of `state`."""
+        return self._motion(self._sampled(context), read(self._command, context))
 
     def _calc_position(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._positions(context)))
+        output.SetFromVector(np.array(self._motion_now(context)[: self._count]))
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
-        _, velocity = self._sampled(context)
-        output.SetFromVector(np.array([*self._positions(context), *velocity]))
+        output.SetFromVector(np.array(self._motion_now(context)))
 
     def _calc_measured(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._sampled(context)[0]))
+        output.SetFromVector(np.array(self._sampled(context)[: self._count]))
 
     def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array(self._sampled(context)[1]))
+        output.SetFromVector(np.array(_velocities(self._sampled(context), self._period)))
 
     def _update(self, context: Context, discrete_state: Any) -> None:
-        position, _ = self._sampled(context)
-        discrete_state.set_value(np.array([*self._positions(context), *position]))
+        count = self._count
+        now, before = self._motion_now(context)[:count], self._sampled(context)[:count]
+        discrete_state.set_value(np.array(now + before))
+
+
+def _motion_of(
+    params: Sequence[PositionDriveParams],
+    period: float,
+    samples: list[float],
+    command: list[float],
+) -> list[float]:
+    """Positions of drives, and their mean velocities of the last period."""
+    velocities = _velocities(samples, period)
+    motions = zip(params, samples[: len(params)], velocities, command, strict=True)
+    return [_led(own, period, *motion) for own, *motion in motions] + velocities
+
+
+def _velocities(samples: list[float], period: float) -> list[float]:
+    """Mean velocities (n) between samples (n) and those before (n)."""
+    count = len(samples) // 2
+    pairs = zip(samples[:count], samples[count:], strict=True)
+    return [(now - before) / period for now, before in pairs]
 
 
 def _led(

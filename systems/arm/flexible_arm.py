@@ -1,8 +1,10 @@
 """An arm whose last link is a flexible rod, on a base that moves."""
 
+import functools
 import math
 from collections.abc import Sequence
-from typing import Literal
+from math import sumprod
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,12 +12,12 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.rod_motion import ClampMotion, RodMotion, Tip
-from parapod.systems.arm.serial_arm import SerialArm, rotated
+from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core import quaternions
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.core.triples import Vector3, cross, dot, minus, plus, scaled
+from parapod.systems.core.triples import Vector3, cross, plus
 from parapod.systems.core.vectors import Axes
 
 _UPWARDS = (0.0, 0.0, GRAVITY)  # specific force of what is at rest [m/s^2]
@@ -28,6 +30,15 @@ _ABSURD = 1e6  # sum of numbers that no base's motion has
 # the last step.
 _RODS, _WRENCH, _BENDING = range(3)
 _POSE, _VELOCITY, _IS_KNOWN, _MOTION = slice(0, 7), slice(7, 13), 13, slice(14, 23)
+
+
+class _Clamp(NamedTuple):
+    """The rod's clamp on the arm's base, along the base's axes."""
+
+    place: Vector3
+    axes: Axes
+    quaternion: quaternions.Quaternion
+    columns: list[tuple[float, ...]]  # of its Jacobian (6), one a joint
 
 
 class FlexibleArm(LeafSystem):
@@ -92,8 +103,9 @@ class FlexibleArm(LeafSystem):
         self.set_name("flexible_arm")
         self.rod = rod
         self._motion, self._period, self._size = RodMotion(rod, period), period, 4 * rod.modes
-        self._arm, self._has_velocity = arm, base_motion == "velocity"
-        self._links = Remembered(arm.link_poses)
+        self._count, self._has_velocity = arm.count, base_motion == "velocity"
+        clamped = SerialArm(arm.joints, arm.links)
+        self._clamp = Remembered(functools.partial(_clamp_on, clamped))
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
         self._velocity = self.DeclareVectorInputPort("base_velocity", 6)
         self._joints = self.DeclareVectorInputPort("joint_state", 2 * arm.count)
@@ -128,141 +140,120 @@ class FlexibleArm(LeafSystem):
             position: positions (n) of the joints [rad or m]; empty: zero.
         """
         pose = np.asarray(base_pose, dtype=float).tolist()
-        rest = self._rest(pose, list(position) or [0.0] * self._arm.count, is_known=True)
+        rest = self._rest(pose, list(position) or [0.0] * self._count, is_known=True)
         for index, group in enumerate(rest):
             context.SetDiscreteState(index, np.array(group))
 
     def _rest(self, pose: list[float], position: list[float], is_known: bool) -> list[list[float]]:
         """Groups of the state of a rod at rest."""
-        clamp = self._clamp_at(pose, position)
-        force = Axes.from_quaternion(clamp[:4]).components(_UPWARDS)
-        modal = self._motion.rest(force)
-        base = [*clamp, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL]
-        return [modal + base, *self._forces(modal, base, pose, position)]
-
-    def _clamp_at(self, pose: Sequence[float], position: list[float]) -> list[float]:
-        """Pose (7) of the clamp in the world."""
-        if not self._arm.count:
-            return list(pose)
-        *quaternion, x, y, z = pose
-        place, rotation = self._links(position)[-1]
-        turned = quaternions.of_axes(list(zip(*rotation, strict=True)))
-        there = Axes.from_quaternion(quaternion).in_world(place)
-        return [*quaternions.product(quaternion, turned), *plus((x, y, z), there)]
+        axes, clamp = Axes.from_quaternion(pose[:4]), self._clamp(position)
+        base = _at_rest(_placed(pose, axes, clamp), is_known)
+        modal = self._motion.rest(base[_MOTION][:3])
+        return [modal + base, *self._forces(modal, _motion_in(base), axes, clamp)]
 
     def _velocity_at(
-        self, pose: list[float], velocity: list[float], joints: list[float]
+        self, axes: Axes, clamp: _Clamp, velocity: list[float], rates: list[float]
     ) -> list[float]:
         """Velocity (6) of the clamp in the world."""
-        count = self._arm.count
-        if not count:
-            return velocity
-        axes, links = Axes.from_quaternion(pose[:4]), self._links(joints[:count])
-        clamp = links[-1].place
-        turning, moving = _STILL, _STILL
-        for joint, link, rate in zip(self._arm.joints, links, joints[count:], strict=True):
-            along = rotated(link.rotation, scaled(joint.axis, rate))
-            if joint.kind == "revolute":
-                turning = plus(turning, along)
-                moving = plus(moving, cross(along, minus(clamp, link.place)))
-            else:
-                moving = plus(moving, along)
         w_x, w_y, w_z, v_x, v_y, v_z = velocity
-        carried = cross((w_x, w_y, w_z), axes.in_world(clamp))
-        angular = plus((w_x, w_y, w_z), axes.in_world(turning))
-        linear = plus(plus((v_x, v_y, v_z), carried), axes.in_world(moving))
+        angular = w_x, w_y, w_z
+        linear = plus((v_x, v_y, v_z), cross(angular, axes.in_world(clamp.place)))
+        if any(rates):
+            own = [sumprod(row, rates) for row in zip(*clamp.columns, strict=True)]
+            angular = plus(angular, axes.in_world(own[:3]))
+            linear = plus(linear, axes.in_world(own[3:]))
         return [*angular, *linear]
 
     def _forces(
-        self, modal: list[float], base: list[float], pose: list[float], position: list[float]
+        self, modal: list[float], motion: ClampMotion, axes: Axes, clamp: _Clamp
     ) -> tuple[list[float], list[float]]:
         """Numbers of `wrench` and `bending_force`."""
-        motion, links = _motion_in(base), self._links(position)
-        bending = self._motion.bending_wrench(modal, motion)
-        rigid = self._motion.rigid_wrench(motion)
-        place = _STILL
-        if links:
-            place, rotation = links[-1]
-            bending = rotated(rotation, bending[0]), rotated(rotation, bending[1])
-            rigid = rotated(rotation, rigid[0]), rotated(rotation, rigid[1])
-        moment, force = bending
-        efforts = []
-        for joint, link in zip(self._arm.joints, links, strict=True):
-            axis = rotated(link.rotation, joint.axis)
-            if joint.kind == "revolute":
-                about = plus(moment, cross(minus(place, link.place), force))
-                efforts.append(dot(axis, about))
-            else:
-                efforts.append(dot(axis, force))
-        moment = plus(moment, cross(place, force))
-        axes = Axes.from_quaternion(pose[:4])
+        moment, force = map(clamp.axes.in_world, self._motion.bending_wrench(modal, motion))
+        rigid_moment, rigid = map(clamp.axes.in_world, self._motion.rigid_wrench(motion))
+        efforts = [sumprod(column, (*moment, *force)) for column in clamp.columns]
+        moment = plus(moment, cross(clamp.place, force))
         bent = [*axes.in_world(moment), *axes.in_world(force), *efforts]
-        stiff = plus(rigid[0], cross(place, rigid[1]))
-        return [*plus(moment, stiff), *plus(force, rigid[1])], bent
+        stiff = plus(rigid_moment, cross(clamp.place, rigid))
+        return [*plus(moment, stiff), *plus(force, rigid)], bent
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         state = elements(context.get_discrete_state(_RODS))
-        modal, base = state[: self._size], state[self._size :]
+        modal, last = state[: self._size], state[self._size :]
         pose, joints = read(self._pose, context), read(self._joints, context)
-        position = joints[: self._arm.count]
-        if not base[_IS_KNOWN] > 0.5:
-            if _is_sane(pose, joints):
+        position, rates = joints[: self._count], joints[self._count :]
+        velocity = read(self._velocity, context) if self._has_velocity else []
+        is_sane = any(pose[:4]) and sum(map(abs, (*pose, *joints, *velocity))) < _ABSURD
+        if not last[_IS_KNOWN] > 0.5:
+            if is_sane:
                 rest = self._rest(pose, position, is_known=True)
                 for index, group in enumerate(rest):
                     discrete_state.set_value(index, np.array(group))
             return
-        velocity = read(self._velocity, context) if self._has_velocity else [0.0] * 6
-        if _is_sane(pose, joints, velocity):
-            clamp, h = self._clamp_at(pose, position), self._period
+        axes = Axes.from_quaternion(pose[:4] if any(pose[:4]) else _AT_ORIGIN[:4])
+        clamp = self._clamp(position)
+        if is_sane:
+            placed = _placed(pose, axes, clamp)
             if self._has_velocity:
-                velocity = self._velocity_at(pose, velocity, joints)
-            else:
-                last = base[_POSE]
-                turn = quaternions.turn_between(last[:4], clamp[:4])
-                way = [now - before for now, before in zip(clamp[4:], last[4:], strict=True)]
-                velocity = [change / h for change in (*turn, *way)]
-            gained = zip(velocity, base[_VELOCITY], strict=True)
-            spin_x, spin_y, spin_z, *felt = [(now - last) / h for now, last in gained]
-            felt[2] += GRAVITY
-            axes = Axes.from_quaternion(clamp[:4])
-            parts = map(axes.components, (felt, velocity[:3], (spin_x, spin_y, spin_z)))
-            base = [*clamp, *velocity, 1.0, *(number for part in parts for number in part)]
+                velocity = self._velocity_at(axes, clamp, velocity, rates)
+            base = self._moved(last, placed, velocity)
         else:
-            clamp = base[_POSE]
-            felt = list(Axes.from_quaternion(clamp[:4]).components(_UPWARDS))
-            base = [*clamp, *_STILL, *_STILL, 1.0, *felt, *_STILL, *_STILL]
-        modal = self._motion.step(modal, _motion_in(base))
+            base = _at_rest(last[_POSE])
+        motion = _motion_in(base)
+        modal = self._motion.step(modal, motion)
         discrete_state.set_value(_RODS, np.array(modal + base))
-        turned = pose if any(pose[:4]) else list(_AT_ORIGIN)
-        for index, force in zip(
-            (_WRENCH, _BENDING), self._forces(modal, base, turned, position), strict=True
-        ):
-            if all(map(math.isfinite, force)):
+        forces = self._forces(modal, motion, axes, clamp)
+        for index, force in zip((_WRENCH, _BENDING), forces, strict=True):
+            if math.isfinite(sum(force)):
                 discrete_state.set_value(index, np.array(force))
 
-    def _tip(self, context: Context) -> tuple[Tip, Vector3, list[float]]:
-        """Tip against a straight rod's, its place from the clamp, and the clamp's pose now."""
+    def _moved(self, last: list[float], pose: list[float], velocity: list[float]) -> list[float]:
+        """Numbers of the clamp a period after the last; without a velocity by the way since."""
+        h = self._period
+        if not velocity:
+            x, y, z = last[4:7]
+            turn = quaternions.turn_between(last[:4], pose[:4])
+            way = pose[4] - x, pose[5] - y, pose[6] - z
+            velocity = [change / h for change in (*turn, *way)]
+        gained = zip(velocity, last[_VELOCITY], strict=True)
+        spin_x, spin_y, spin_z, f_x, f_y, f_z = [(now - before) / h for now, before in gained]
+        axes = Axes.from_quaternion(pose[:4])
+        return [
+            *pose,
+            *velocity,
+            1.0,
+            *axes.components((f_x, f_y, f_z + GRAVITY)),
+            *axes.components(velocity[:3]),
+            *axes.components((spin_x, spin_y, spin_z)),
+        ]
+
+    def _tip(self, context: Context) -> tuple[Tip, list[float], Vector3]:
+        """Tip against a straight rod's, the clamp's pose now, and the tip's place from it."""
         state = elements(context.get_discrete_state(_RODS))
         tip = self._motion.tip(state[: self._size], _motion_in(state[self._size :]))
-        position = read(self._joints, context)[: self._arm.count]
         x, y, z = tip.place
-        place = x, y, z + self._motion.rod.length
-        return tip, place, self._clamp_at(read(self._pose, context), position)
+        return tip, self._pose_now(context), (x, y, z + self.rod.length)
+
+    def _pose_now(self, context: Context) -> list[float]:
+        """Pose (7) of the clamp."""
+        pose, joints = read(self._pose, context), read(self._joints, context)
+        return _placed(pose, Axes.from_quaternion(pose[:4]), self._clamp(joints[: self._count]))
 
     def _calc_tip_pose(self, context: Context, output: BasicVector) -> None:
-        tip, place, (*quaternion, x, y, z) = self._tip(context)
+        tip, (*quaternion, x, y, z), place = self._tip(context)
         turned = quaternions.product(quaternion, quaternions.of_turn(tip.turn))
         there = plus((x, y, z), Axes.from_quaternion(quaternion).in_world(place))
         output.SetFromVector(np.array([*turned, *there]))
 
     def _calc_tip_velocity(self, context: Context, output: BasicVector) -> None:
-        tip, place, clamp = self._tip(context)
+        tip, pose, place = self._tip(context)
         if self._has_velocity:
-            pose, velocity = read(self._pose, context), read(self._velocity, context)
-            velocity = self._velocity_at(pose, velocity, read(self._joints, context))
+            base, joints = read(self._pose, context), read(self._joints, context)
+            clamp, rates = self._clamp(joints[: self._count]), joints[self._count :]
+            velocity = read(self._velocity, context)
+            velocity = self._velocity_at(Axes.from_quaternion(base[:4]), clamp, velocity, rates)
         else:
             velocity = elements(context.get_discrete_state(_RODS))[self._size :][_VELOCITY]
-        axes = Axes.from_quaternion(clamp[:4])
+        axes = Axes.from_quaternion(pose[:4])
         w_x, w_y, w_z, v_x, v_y, v_z = velocity
         turning = w_x, w_y, w_z
         moving = plus(cross(turning, axes.in_world(place)), axes.in_world(tip.velocity))
@@ -270,8 +261,7 @@ class FlexibleArm(LeafSystem):
         output.SetFromVector(np.array([*angular, *plus((v_x, v_y, v_z), moving)]))
 
     def _calc_clamp_pose(self, context: Context, output: BasicVector) -> None:
-        position = read(self._joints, context)[: self._arm.count]
-        output.SetFromVector(np.array(self._clamp_at(read(self._pose, context), position)))
+        output.SetFromVector(np.array(self._pose_now(context)))
 
     def _calc_deflection(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state(_RODS))
@@ -283,10 +273,25 @@ class FlexibleArm(LeafSystem):
         output.SetFromVector(np.array(state[: self._size]))
 
 
-def _is_sane(pose: list[float], *motions: list[float]) -> bool:
-    """Check that a pose and its derivatives are finite, and not absurdly large."""
-    numbers = (number for part in (pose, *motions) for number in part)
-    return any(pose[:4]) and sum(map(abs, numbers)) < _ABSURD
+def _clamp_on(arm: SerialArm, position: list[float]) -> _Clamp:
+    """Clamp at the origin of an arm's last link."""
+    (place, rotation), columns = arm.tip_motion(position)
+    x, y, z = zip(*rotation, strict=True)
+    axes = Axes(x, y, z)
+    return _Clamp(place, axes, quaternions.of_axes(axes), columns)
+
+
+def _placed(pose: Sequence[float], axes: Axes, clamp: _Clamp) -> list[float]:
+    """Pose (7) of a clamp in the world on a base with these axes."""
+    *quaternion, x, y, z = pose
+    there = plus((x, y, z), axes.in_world(clamp.place))
+    return [*quaternions.product(quaternion, clamp.quaternion), *there]
+
+
+def _at_rest(clamp: list[float], is_known: bool = True) -> list[float]:
+    """Numbers of a clamp that rests at a pose (7)."""
+    force = Axes.from_quaternion(clamp[:4]).components(_UPWARDS)
+    return [*clamp, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL]
 
 
 def _motion_in(base: list[float]) -> ClampMotion:

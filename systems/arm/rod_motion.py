@@ -20,7 +20,7 @@ the numbers of a state and of a motion are floats, or arrays of one shape.
 
 import math
 from collections.abc import Sequence
-from operator import mul
+from math import sumprod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,17 +73,9 @@ class Tip(NamedTuple):
     turning: Vector3
 
 
-class _Sums(NamedTuple):
-    """Sums over the modes of one plane, or over their rates, that make wrench and tip."""
-
-    moved: Elementwise  # first moment of mass that the deflection moves, T q
-    product: Elementwise  # product of inertia, R q
-    moving: Elementwise  # T q'
-    producing: Elementwise  # R q'
-    across: Elementwise  # tip's deflection, without what the modes leave out
-    slope: Elementwise
-    across_rate: Elementwise
-    slope_rate: Elementwise
+# Sums over the modes that make the wrench: in the planes of x and y the first moment of mass that
+# the deflection moves and the product of inertia, then their rates, and second derivatives.
+_SUMS = 12
 
 
 class RodMotion:
@@ -113,13 +105,11 @@ class RodMotion:
         nodes = np.cos(math.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
         steps = np.array([_exact_step(rod, period, self._whole * node) for node in nodes])
         steps = np.linalg.solve(np.vander(nodes, increasing=True), steps.reshape(len(nodes), -1))
-        self._flat, self._shape = steps, (4 * n, 6 * n + 4)
-        self._sums = np.concatenate([_sums_of(rod, plane) for plane in range(2)])
-        omega = rod.frequencies.ravel()
-        self._pull = np.hstack([np.diag(omega**2), np.diag(2.0 * rod.damping_ratio * omega)])
-        self._soft = np.kron(np.eye(2), rod.softening)
-        self._loads = rod.translation.tolist(), rod.rotation.tolist()
-        self._stiffening, self._shortening = rod.stiffening.tolist(), rod.shortening.tolist()
+        self._flat, self._shape = steps, (4 * n, steps.shape[1] // (4 * n))
+        self._forms = _forms_of(rod)
+        self._at_tip = [at(rod.length).tolist() for at in (rod.shape, rod.slope)]
+        self._rows = range(_SUMS, _SUMS + 6 * n, 2 * n)
+        self._shortening = rod.shortening.tolist()
         self._residual = rod.residual.tolist()
         per_length, long = rod.mass / rod.length, rod.length
         self._mass = rod.mass + rod.tip_mass
@@ -134,16 +124,13 @@ class RodMotion:
     def step(self, state: State, motion: ClampMotion) -> State:
         """State one period later, in a constant motion of the clamp."""
         angle = motion.turning[2] * self.period
-        turned = self._turned(state, angle)
-        (across_x, growth_x), (across_y, growth_y) = _across(motion)
-        small = self._small_loads(state, motion)
-        numbers = [*turned, across_x, growth_x, across_y, growth_y, *small]
+        numbers = self._turned(state, angle) + self._loads(state, motion)
         share = motion.force[2] / self._whole
         if type(share) is float and type(numbers[0]) is float:
             share = -1.0 if share < -1.0 else min(share, 1.0)
             powers = np.array([share**k for k in range(_DEGREE + 1)])
-            step = (powers @ self._flat).reshape(self._shape)
-            return self._turned((step @ np.array(numbers)).tolist(), angle)
+            step = powers.dot(self._flat).reshape(self._shape)
+            return self._turned(step.dot(np.array(numbers)).tolist(), angle)
         powers = np.clip(share, -1.0, 1.0)[..., np.newaxis] ** np.arange(_DEGREE + 1)
         step = (powers @ self._flat).reshape(*powers.shape[:-1], *self._shape)
         ahead = np.einsum("...ij,...j->...i", step, np.stack(np.broadcast_arrays(*numbers), -1))
@@ -151,28 +138,25 @@ class RodMotion:
 
     def tip(self, state: State, motion: ClampMotion) -> Tip:
         """Tip of the rod; what the modes leave out follows the load without delay."""
-        x, y = self._sums_in(state)
-        (u_x, v_x), (u_y, v_y) = (
-            (
-                own.across + by_force * across + by_turn * turning,
-                own.slope + slope_force * across + slope_turn * turning,
-            )
-            for own, (across, turning), ((by_force, by_turn), (slope_force, slope_turn)) in zip(
-                (x, y), _across(motion), self._residual, strict=True
-            )
-        )
-        n, short, rate = self._n, 0.0, 0.0
-        for plane in range(2):
-            q, q_rate = (state[i * n : (i + 1) * n] for i in (plane, plane + 2))
-            for row, a, v in zip(self._shortening, q, q_rate, strict=True):
-                stretched = _dot(row, q)
-                short, rate = short + 0.5 * stretched * a, rate + stretched * v
-        none = 0.0 * v_x
+        n, short, shortens = self._n, 0.0, 0.0
+        places, turns, rates, spins = [], [], [], []
+        shape, slope = self._at_tip
+        for plane, (across, growth) in enumerate(_across(motion)):
+            q, rate = (state[i * n : (i + 1) * n] for i in (plane, plane + 2))
+            (by_force, by_turn), (slope_force, slope_turn) = self._residual[plane]
+            places.append(sumprod(shape, q) + by_force * across + by_turn * growth)
+            turns.append(sumprod(slope, q) + slope_force * across + slope_turn * growth)
+            rates.append(sumprod(shape, rate))
+            spins.append(sumprod(slope, rate))
+            for row, a, v in zip(self._shortening, q, rate, strict=True):
+                stretched = sumprod(row, q)
+                short, shortens = short + 0.5 * stretched * a, shortens + stretched * v
+        none = 0.0 * turns[0]
         return Tip(
-            (u_x, u_y, -short),
-            (-v_y, v_x, none),
-            (x.across_rate, y.across_rate, -rate),
-            (-y.slope_rate, x.slope_rate, none),
+            (places[0], places[1], -short),
+            (-turns[1], turns[0], none),
+            (rates[0], rates[1], -shortens),
+            (-spins[1], spins[0], none),
         )
 
     def rigid_wrench(self, motion: ClampMotion) -> tuple[Vector3, Vector3]:
@@ -189,38 +173,46 @@ class RodMotion:
 
     def bending_wrench(self, state: State, motion: ClampMotion) -> tuple[Vector3, Vector3]:
         """The same of the rod as it bends, less that of a rigid one."""
-        n, (x, y) = self._n, self._sums_in(state)
+        n, half = self._n, 2 * self._n
         (f_x, f_y, f_z), (w_x, w_y, w_z), (a_x, a_y, a_z) = motion
-        second, softened = self._accelerations(state, motion)
-        bend_x, bend_y, turn_x, turn_y = (
-            _dot(by, part) for by in self._loads for part in (second[:n], second[n:])
-        )
+        twice, q, rates = 2.0 * w_z, state[:half], state[half:]
+        numbers = state + self._loads(state, motion)
+        numbers += [twice * v for v in rates[n:]] + [-twice * v for v in rates[:n]]
+        forms = _product(self._forms, numbers + [f_z * x for x in q])
+        moved_x, turned_x, moved_y, turned_y = forms[:4]
+        moving_x, turning_x, moving_y, turning_y = forms[4:8]
+        bends_x, spins_x, bends_y, spins_y = forms[8:_SUMS]
+        second, softened, softened_rates = (forms[i : i + half] for i in self._rows)
         # Euler's, centrifugal and Coriolis forces of the first moment that is moved aside.
-        along = w_x * x.moved + w_y * y.moved
+        along = w_x * moved_x + w_y * moved_y
         square = w_x * w_x + w_y * w_y + w_z * w_z
         force = (
-            a_z * y.moved - w_x * along + square * x.moved + 2.0 * w_z * y.moving - bend_x,
-            -a_z * x.moved - w_y * along + square * y.moved - 2.0 * w_z * x.moving - bend_y,
-            a_y * x.moved
-            - a_x * y.moved
+            a_z * moved_y - w_x * along + square * moved_x + twice * moving_y - bends_x,
+            -a_z * moved_x - w_y * along + square * moved_y - twice * moving_x - bends_y,
+            a_y * moved_x
+            - a_x * moved_y
             - w_z * along
-            - 2.0 * (w_x * y.moving - w_y * x.moving)
+            - 2.0 * (w_x * moving_y - w_y * moving_x)
             # The rod comes nearer to the clamp as it bends.
-            + _dot(softened, second)
-            + _dot(_product(self._soft, state[2 * n :]), state[2 * n :]),
+            + sumprod(softened, second)
+            + sumprod(softened_rates, rates),
         )
         # The products of inertia that the deflection makes, times w and a.
-        i_x, i_y = -x.product * w_z, -y.product * w_z
-        i_z = -x.product * w_x - y.product * w_y
+        i_x, i_y = -turned_x * w_z, -turned_y * w_z
+        i_z = -turned_x * w_x - turned_y * w_y
+        about = sumprod(q[:n], second[n:]) - sumprod(q[n:], second[:n])
         moment = (
-            -y.moved * f_z + x.product * a_z - w_y * i_z + w_z * i_y + turn_y,
-            x.moved * f_z + y.product * a_z - w_z * i_x + w_x * i_z - turn_x,
-            y.moved * f_x - x.moved * f_y + x.product * a_x + y.product * a_y,
+            -moved_y * f_z + turned_x * a_z - w_y * i_z + w_z * i_y + spins_y + twice * turning_x,
+            moved_x * f_z + turned_y * a_z - w_z * i_x + w_x * i_z - spins_x + twice * turning_y,
+            moved_y * f_x
+            - moved_x * f_y
+            + turned_x * a_x
+            + turned_y * a_y
+            - w_x * i_y
+            + w_y * i_x
+            - about,
         )
-        coriolis = 2.0 * w_z * x.producing, 2.0 * w_z * y.producing
-        about = _dot(state[:n], second[n:]) - _dot(state[n : 2 * n], second[:n])
-        spun = moment[2] - w_x * i_y + w_y * i_x - about
-        return (moment[0] + coriolis[0], moment[1] + coriolis[1], spun), force
+        return moment, force
 
     def energy(self, state: State, force: Sequence[float]) -> float:
         """Energy of the modes over a clamp at rest under a specific force (3) [J]."""
@@ -229,49 +221,27 @@ class RodMotion:
         loads = np.concatenate([rod.translation * force[0], rod.translation * force[1]])
         return float(0.5 * rate @ rate + 0.5 * q @ _stiffness(rod, force[2]) @ q + q @ loads)
 
-    def _sums_in(self, state: State) -> tuple[_Sums, _Sums]:
-        sums = _product(self._sums, state)
-        size = len(_Sums._fields)
-        return _Sums(*sums[:size]), _Sums(*sums[size:])
-
     def _turned(self, state: State, angle: Elementwise) -> State:
         """A state whose rates Coriolis forces have turned from one plane into the other."""
         n, (sine, cosine) = self._n, sin_cos(angle)
-        rates = list(zip(state[2 * n : 3 * n], state[3 * n :], strict=True))
-        x = [cosine * u + sine * v for u, v in rates]
-        return [*state[: 2 * n], *x, *(cosine * v - sine * u for u, v in rates)]
+        x, y = state[2 * n : 3 * n], state[3 * n :]
+        turned = state[: 2 * n]
+        turned += [cosine * u + sine * v for u, v in zip(x, y, strict=True)]
+        turned += [cosine * v - sine * u for u, v in zip(x, y, strict=True)]
+        return turned
 
-    def _small_loads(self, state: State, motion: ClampMotion) -> State:
-        """Loads (2n) of the modes by rotation, but Coriolis forces."""
-        n = self._n
+    def _loads(self, state: State, motion: ClampMotion) -> State:
+        """Numbers (4n + 4) that load the modes, by `_loads_of`."""
+        n, a_z = self._n, motion.spinning[2]
         w_x, w_y, w_z = motion.turning
-        a_z, both = motion.spinning[2], w_x * w_y
-        q, p = state[:n], state[n : 2 * n]
-        across = w_x * w_x + w_y * w_y
-        loads = []
-        for own, other, square, spin in (
-            (q, p, w_y * w_y + w_z * w_z, a_z - both),
-            (p, q, w_x * w_x + w_z * w_z, -a_z - both),
-        ):
-            for x, y, row in zip(own, other, self._stiffening, strict=True):
-                loads.append(square * x + spin * y - across * _dot(row, own))
-        return loads
-
-    def _accelerations(self, state: State, motion: ClampMotion) -> tuple[State, State]:
-        """Second derivatives (2n) of the modal coordinates, and S times the coordinates."""
-        n = self._n
-        pulled = _product(self._pull, state)
-        softened = _product(self._soft, state[: 2 * n])
-        small, turn = self._small_loads(state, motion), 2.0 * motion.turning[2]
-        coriolis = [turn * v for v in state[3 * n :]] + [-turn * v for v in state[2 * n : 3 * n]]
-        by_clamp = [
-            -(by_force * across + by_turn * growth)
-            for across, growth in _across(motion)
-            for by_force, by_turn in zip(*self._loads, strict=True)
-        ]
-        rows = zip(pulled, softened, small, coriolis, by_clamp, strict=True)
-        f_z = motion.force[2]
-        return [f_z * s + c + load + d - p for p, s, c, load, d in rows], softened
+        x, y = state[:n], state[n : 2 * n]
+        xx, yy, zz, xy = w_x * w_x, w_y * w_y, w_z * w_z, w_x * w_y
+        by_x, by_y, inwards = yy + zz, xx + zz, -xx - yy
+        (across_x, growth_x), (across_y, growth_y) = _across(motion)
+        numbers = [across_x, growth_x, across_y, growth_y]
+        numbers += [by_x * q + (a_z - xy) * p for q, p in zip(x, y, strict=True)]
+        numbers += [by_y * p - (a_z + xy) * q for q, p in zip(x, y, strict=True)]
+        return numbers + [inwards * q for q in state[: 2 * n]]
 
 
 def check_rod(rod: FlexibleRod, period: float) -> None:
@@ -311,16 +281,10 @@ def _stiffness(rod: FlexibleRod, along: float) -> Array:
 
 
 def _exact_step(rod: FlexibleRod, period: float, along: float) -> Array:
-    """Matrix (4n, 6n + 4) from a state and what loads it constantly to the state a period later.
-
-    Loads are the clamp's acceleration across and its growth along the rod in both planes, and
-    those of the modes (2n).
-    """
-    n = rod.modes
-    by_clamp = -np.stack([rod.translation, rod.rotation], axis=-1)
-    loads = np.hstack([np.kron(np.eye(2), by_clamp), np.eye(2 * n)])
+    """Matrix (4n, 8n + 4) from a state and its `_loads_of` to the state a period later."""
+    n, loads = rod.modes, _loads_of(rod)
     damping = np.diag(2.0 * rod.damping_ratio * rod.frequencies.ravel())
-    whole = np.zeros((6 * n + 4, 6 * n + 4))
+    whole = np.zeros((8 * n + 4, 8 * n + 4))
     q, rate, load = slice(0, 2 * n), slice(2 * n, 4 * n), slice(4 * n, None)
     whole[q, rate], whole[rate, q] = np.eye(2 * n), -_stiffness(rod, along)
     whole[rate, rate], whole[rate, load] = -damping, loads
@@ -328,26 +292,32 @@ def _exact_step(rod: FlexibleRod, period: float, along: float) -> Array:
     return step
 
 
-def _sums_of(rod: FlexibleRod, plane: int) -> Array:
-    """Rows (., 4n) that make `_Sums` of a plane from a state."""
-    n = rod.modes
-    translation, rotation, zero = rod.translation, rod.rotation, np.zeros(rod.modes)
-    tip, slope = rod.shape(rod.length), rod.slope(rod.length)
-    of_both: dict[str, tuple[Array, Array]] = {  # of the coordinates, of their rates
-        "moved": (translation, zero),
-        "product": (rotation, zero),
-        "moving": (zero, translation),
-        "producing": (zero, rotation),
-        "across": (tip, zero),
-        "slope": (slope, zero),
-        "across_rate": (zero, tip),
-        "slope_rate": (zero, slope),
-    }
-    rows = np.zeros((len(_Sums._fields), 4 * n))
-    for row, name in zip(rows, _Sums._fields, strict=True):
-        for i, part in zip((plane, plane + 2), of_both[name], strict=True):
-            row[i * n : (i + 1) * n] = part
-    return rows
+def _loads_of(rod: FlexibleRod) -> Array:
+    """Matrix (2n, 4n + 4) from what loads the modes to their second derivatives.
+
+    That are the clamp's acceleration across and its growth along the rod in both planes, loads of
+    the modes (2n), and the coordinates times what stiffens the rod as a rotation does (2n).
+    """
+    both, by_clamp = np.eye(2), -np.stack([rod.translation, rod.rotation], axis=-1)
+    whole = np.eye(2 * rod.modes)
+    return np.hstack([np.kron(both, by_clamp), whole, np.kron(both, rod.stiffening)])
+
+
+def _forms_of(rod: FlexibleRod) -> Array:
+    """Matrix (_SUMS + 6n, 12n + 4) from a state and loads to what makes the wrench.
+
+    Behind the state and its `_loads_of` come further loads of the modes (2n), and the coordinates
+    times what softens the rod (2n). Behind `_SUMS` come the second derivatives, and coordinates
+    and rates times the softening (2n each).
+    """
+    n, omega, soft = rod.modes, rod.frequencies.ravel(), np.kron(np.eye(2), rod.softening)
+    pull = -np.hstack([np.diag(omega**2), np.diag(2.0 * rod.damping_ratio * omega)])
+    second = np.hstack([pull, _loads_of(rod), np.eye(2 * n), soft])
+    moments = np.stack([rod.translation, rod.rotation])
+    of_state = np.vstack([np.kron(np.eye(4), moments), np.kron(np.eye(2), soft)])
+    of_state = np.hstack([of_state, np.zeros((8 + 4 * n, second.shape[1] - 4 * n))])
+    by_second = np.kron(np.eye(2), moments) @ second
+    return np.vstack([of_state[:8], by_second, second, of_state[8:]])
 
 
 def _across(motion: ClampMotion) -> tuple[tuple[Elementwise, Elementwise], ...]:
@@ -359,10 +329,6 @@ def _across(motion: ClampMotion) -> tuple[tuple[Elementwise, Elementwise], ...]:
 def _product(matrix: NDArray[Any], numbers: State) -> State:
     """Product of a matrix with a column of elementwise numbers."""
     if type(numbers[0]) is float:
-        product: State = (matrix @ np.array(numbers)).tolist()
+        product: State = matrix.dot(np.array(numbers)).tolist()
         return product
     return list(np.tensordot(matrix, np.stack(np.broadcast_arrays(*numbers)), 1))
-
-
-def _dot(a: Sequence[Elementwise], b: Sequence[Elementwise]) -> Elementwise:
-    return sum(map(mul, a, b))

@@ -239,18 +239,27 @@ class SerialArm:
         Args:
             position: positions (n) of the joints [rad or m].
         """
+        _, columns = self.tip_motion(position)
+        return tuple(zip(*columns, strict=True)) or ((),) * 6
+
+    def tip_motion(
+        self, position: Sequence[Elementwise]
+    ) -> tuple[LinkPose, list[tuple[Elementwise, ...]]]:
+        """Pose of the tip, and the columns (n) of its Jacobian (6), see `tip_jacobian`.
+
+        Args:
+            position: positions (n) of the joints [rad or m].
+        """
         poses = self.link_poses(position)
-        if not poses:
-            return ((),) * 6
-        tip = self._tip(poses[-1]).place
+        tip = self._tip(poses[-1] if poses else LinkPose(_ORIGIN, _SAME))
         columns = []
         for joint, pose in zip(self.joints, poses, strict=True):
             axis = rotated(pose.rotation, joint.axis)
             if joint.kind == "revolute":
-                columns.append((*axis, *cross(axis, minus(tip, pose.place))))
+                columns.append((*axis, *cross(axis, minus(tip.place, pose.place))))
             else:
                 columns.append((*_ORIGIN, *axis))
-        return tuple(zip(*columns, strict=True))
+        return tip, columns
 
     def reaction(
         self,
@@ -315,8 +324,9 @@ def _by_inertia(inertia: tuple[float, ...], vector: Vector3) -> Vector3:
 
 def rotated(rotation: Rotation, vector: Vector3) -> Vector3:
     """A vector turned by a rotation, which is given by its rows."""
-    a, b, c = rotation
-    return dot(a, vector), dot(b, vector), dot(c, vector)
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    x, y, z = vector
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def turned_back(rotation: Rotation, vector: Vector3) -> Vector3:
@@ -327,5 +337,10 @@ def turned_back(rotation: Rotation, vector: Vector3) -> Vector3:
 
 
 def _product(a: Rotation, b: Rotation) -> Rotation:
-    x, y, z = (rotated(a, (p, q, r)) for p, q, r in zip(*b, strict=True))
-    return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
+    if a is _SAME or b is _SAME:
+        return b if a is _SAME else a
+    (p, q, r), (s, t, u), (v, w, x) = b
+    first, second, third = (
+        (c * p + d * s + e * v, c * q + d * t + e * w, c * r + d * u + e * x) for c, d, e in a
+    )
+    return first, second, third

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+from parapod.systems.core.elementwise import sin_cos
+
 type Quaternion = tuple[float, float, float, float]
 type Vector3 = tuple[float, float, float]
 
@@ -24,6 +26,17 @@ def of_turn(turn: Sequence[float]) -> Quaternion:
     share = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
     x, y, z = (share * part for part in turn)
     return math.cos(0.5 * angle), x, y, z
+
+
+def of_angles(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Quaternion of R = R_z(yaw) R_y(pitch) R_x(roll) [rad]; NaN for infinite angles."""
+    (a, d), (b, e), (c, f) = sin_cos(0.5 * roll), sin_cos(0.5 * pitch), sin_cos(0.5 * yaw)
+    return (
+        d * e * f + a * b * c,
+        a * e * f - d * b * c,
+        d * b * f + a * e * c,
+        d * e * c - a * b * f,
+    )
 
 
 def of_axes(axes: Sequence[Sequence[float]]) -> Quaternion:

@@ -119,18 +119,8 @@ def turned_angles(angles: Sequence[float], turn: Sequence[float]) -> Vector3:
 
 def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:
     """Rotation vector [rad] by which `turned_angles` takes angles from start to end."""
-    return quaternions.turn_between(_quaternion(*start), _quaternion(*end))
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Quaternion w, x, y, z of R = R_z(yaw) R_y(pitch) R_x(roll)."""
-    (a, d), (b, e), (c, f) = sin_cos(0.5 * roll), sin_cos(0.5 * pitch), sin_cos(0.5 * yaw)
-    return (
-        d * e * f + a * b * c,
-        a * e * f - d * b * c,
-        d * b * f + a * e * c,
-        d * e * c - a * b * f,
-    )
+    of_angles = quaternions.of_angles
+    return quaternions.turn_between(of_angles(*start), of_angles(*end))
 
 
 type Array = NDArray[np.float64]

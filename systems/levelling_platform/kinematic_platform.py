@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core import quaternions
 from parapod.systems.core.elementwise import sin_cos
 from parapod.systems.core.ports import read
 from parapod.systems.core.remembered import Remembered
+from parapod.systems.core.triples import plus, scaled
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
@@ -19,7 +21,6 @@ from parapod.systems.levelling_platform.inclined_ground import (
     OnInclinedGround,
 )
 from parapod.systems.levelling_platform.leg import Point, footprint, pose_on_feet
-from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
@@ -131,18 +132,19 @@ class KinematicPlatform(OnInclinedGround):
         return part_of_stance
 
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
-        roll, pitch, _ = posture = self.part(context, STANCE["posture"]).tolist()
+        roll, pitch, height = self.part(context, STANCE["posture"]).tolist()
         ground = self._ground_of(context)
         normal, extension = normal_of(*ground), read(self._extension, context)
         # F is over the middle of the feet, which turn it as they slip.
         on_feet = pose_on_feet(
             self._legs, extension, (roll, pitch), normal, self._footprint(ground)
         )
-        pose = standing_pose(posture, ground, on_feet.yaw)
-        x, y, z = pose[4:] + on_feet.along
+        x, y, z = plus(on_feet.along, scaled(normal, height))
         sine, cosine = sin_cos(on_feet.yaw)
-        pose[4:] = cosine * x - sine * y, sine * x + cosine * y, z
-        output.SetFromVector(pose)
+        quaternion = quaternions.of_angles(roll, pitch, on_feet.yaw)
+        output.SetFromVector(
+            np.array([*quaternion, cosine * x - sine * y, sine * x + cosine * y, z])
+        )
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero

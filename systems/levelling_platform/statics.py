@@ -91,6 +91,8 @@ class KinematicPlatformParams:
         Args:
             arm: positions (n) of the arm's joints [rad or m].
         """
+        if not self.arm.mass:
+            return self.centre_of_mass
         moment = plus(scaled(self.centre_of_mass, self.mass), self.arm.first_moment(arm))
         return scaled(moment, 1.0 / self.total)
 

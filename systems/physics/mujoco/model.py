@@ -136,9 +136,8 @@ class MujocoModel:
         Args:
             force: along the plant's velocities [N m, N].
         """
-        q, _ = np.split(self._maps.to_plant(self.data.qpos, self.data.qvel), [self.model.nq])
         # Forces turn as the velocities do along which they act.
-        _, self.data.qfrc_applied[:] = self._maps.to_mujoco(q, force)
+        self.data.qfrc_applied[:] = self._maps.along_velocities(self.data.qpos, force)
 
     def step(self) -> None:
         """Steps what is in the scratch memory."""
@@ -196,6 +195,10 @@ class MujocoModel:
 _LOAD = 17  # mass, centre of mass (3), inertia about it (6), position (3) and quaternion (4)
 
 
+# Factors of a quaternion that turn it back.
+_BACK = np.array([1.0, -1.0, -1.0, -1.0])
+
+
 class StateMaps:
     """Positions and velocities of plant and MuJoCo, which order them differently.
 
@@ -237,13 +240,19 @@ class StateMaps:
         self, q: NDArray[np.float64], v: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """MuJoCo's positions and velocities for those of the plant."""
-        qpos, qvel = np.empty_like(q), v.copy()
-        for start, rate in self._floating:
-            back = q[start : start + 4] * (1.0, -1.0, -1.0, -1.0)
-            w = v[rate : rate + 3]
-            self._mujoco.mju_rotVecQuat(rotated := np.empty(3), w, back)
-            qvel[rate : rate + 3] = rotated
+        qpos = np.empty_like(q)
         qpos[self._positions] = q
-        reordered = np.empty_like(v)
-        reordered[self._velocities] = qvel
-        return qpos, reordered
+        return qpos, self.along_velocities(qpos, v)
+
+    def along_velocities(
+        self, qpos: NDArray[np.float64], numbers: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Velocities or forces along those of the plant, in MuJoCo's order and axes."""
+        reordered = np.empty_like(numbers)
+        reordered[self._velocities] = numbers
+        for start, rate in self._floating:
+            back = qpos[self._positions[start : start + 4]] * _BACK
+            w = numbers[rate : rate + 3]
+            self._mujoco.mju_rotVecQuat(rotated := np.empty(3), w, back)
+            reordered[self._velocities[rate : rate + 3]] = rotated
+        return reordered

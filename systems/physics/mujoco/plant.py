@@ -138,8 +138,8 @@ class MujocoPlant(LeafSystem):
         self.model.data.qfrc_applied[:] = 0.0
         if self._applied.HasValue(context):
             applied = read_array(self._applied, context)
-            absurd = not np.abs(applied).max() < _LARGEST
-            self.model.apply(np.zeros_like(applied) if absurd else applied)
+            if sum(map(abs, applied.tolist())) < _LARGEST:
+                self.model.apply(applied)
         forces = self._step(control)
         discrete_state.set_value(_PHYSICS, self.model.read_state())
         discrete_state.set_value(_FORCES, forces)
