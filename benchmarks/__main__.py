@@ -12,6 +12,7 @@ from rich.console import Console
 
 from benchmarks import (
     accuracy,
+    arm,
     centres,
     chair,
     deadlines,
@@ -32,6 +33,7 @@ from benchmarks.report import Measurement, make_console, print_measurements
 _GROUPS: dict[str, Callable[[Console], list[Measurement]]] = {
     "kinematics": lambda _: kinematics.run(),
     "realtime": realtime.run,
+    "arm": arm.run,
     "accuracy": accuracy.run,
     "chair": chair.run,
     "centres": centres.run,

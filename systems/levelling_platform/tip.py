@@ -52,7 +52,7 @@ REACHED = 1e-6
 _BEYOND, _FARTHEST = 0.75, 0.5
 _TINY = 1e-300  # keeps 0 / 0 away
 # Rows that are solved at once, so that they stay in the processor's cache.
-_ROWS = 4096
+_ROWS = 16_384
 
 
 # Cosine and sine of an angle.
