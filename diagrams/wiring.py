@@ -22,6 +22,9 @@ from pydrake.trajectories import Trajectory
 
 from parapod.systems.core.errors import WiringError
 
+# A system and, by the names of its ports, signals of them that have other names.
+type Wired = tuple[System, Mapping[str, str]]
+
 _AS_THEY_ARE: Mapping[str, str] = MappingProxyType({})
 
 
@@ -109,7 +112,7 @@ def connect_by_name(
 
 def wired(
     name: str,
-    systems: Sequence[System | tuple[System, Mapping[str, str]]],
+    systems: Sequence[System | Wired],
     outputs: Collection[str],
     names: Mapping[str, str] = _AS_THEY_ARE,
     skip: Collection[str] = (),

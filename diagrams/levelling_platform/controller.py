@@ -3,20 +3,18 @@
 The posture chain of Fig. 18 is shared; one controller obeys a trigger, the other a supervisor.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
+from parapod.diagrams.levelling_platform.arm_damping import damping_systems
+from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
 from parapod.diagrams.levelling_platform.shaping import shaping_system
-from parapod.diagrams.wiring import named, wired
-from parapod.systems.actuators.linear_actuator import LinearActuatorParams
-from parapod.systems.actuators.pi_controller import PiController, PiControllerParams
-from parapod.systems.core.errors import ScenarioError
+from parapod.diagrams.wiring import Wired, named, wired
+from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.core.vectors import Array
 from parapod.systems.levelling_platform.fault_detection import FaultDetector
 from parapod.systems.levelling_platform.feedforward import KinematicFeedforward, PassiveLegSolver
@@ -28,11 +26,6 @@ from parapod.systems.levelling_platform.stability_monitor import StabilityMonito
 from parapod.systems.levelling_platform.supervisor import Supervisor
 from parapod.systems.sensors.attitude_estimator import AttitudeEstimator
 
-# Legs follow their references within a millimetre; tracking errors above this share of their way
-# mean a failed encoder [-].
-_ERROR_LIMIT = 0.25
-# Least damping of the position loops: with less they ring [-].
-_LEAST_DAMPING = 0.1
 # Signals by the names of the ports inside, where all controllers of legs have the same.
 _SIGNALS = {
     "gyro": "imu.gyro",
@@ -68,8 +61,6 @@ _SUPERVISED_SHOWN = (
     *("findings", "severity", "stability_margin"),
 )
 _ARM_SHOWN = ("arm.position_command", "arm_margin", "arm_refused")
-
-type Wired = tuple[System, Mapping[str, str]]
 
 
 def measuring_systems(control: ControlScenario) -> tuple[list[Wired], dict[str, str]]:
@@ -122,82 +113,21 @@ def posture_chain(
     reference = PostureReference(geometry, limits, on_unreachable, period)
     chain: list[System | Wired] = [*systems, GroundEstimator(geometry, period)]
     chain.append((reference, enabled))
-    if correction is None and control.outer_loop:
-        correction = [(PostureLoop(posture_loop_params(scenario), period=period), enabled)]
-    followed = {"posture_desired_state": "posture_corrected_state"} if correction else {}
-    chain += correction or ()
+    followed = {}
+    if correction:
+        chain += correction
+        followed = {"posture_desired_state": "posture_corrected_state"}
+    if damping := damping_systems(scenario, enable):
+        chain += [(system, signals | followed) for system, signals in damping]
+        followed = {"posture_desired_state": "posture_damped_state"}
+    if control.outer_loop and not correction:
+        loop = PostureLoop(posture_loop_params(scenario), period=period)
+        chain.append((loop, enabled | followed))
+        followed = {"posture_desired_state": "posture_corrected_state"}
     feedforward = KinematicFeedforward(geometry, law=control.feedforward, period=period)
     passive = PassiveLegSolver(geometry), followed | {"extension_desired_state": calculated}
     chain += [(feedforward, enabled | followed), passive]
     return chain, names
-
-
-def pi_params(scenario: LevellingScenario) -> PiControllerParams:
-    """Design of the actuators' position controllers.
-
-    Raises:
-        ScenarioError: a period that is too long for the pole.
-    """
-    control, actuators = scenario.tuned_control, scenario.machine.actuators
-    pole, limit, friction = control.pole, control.voltage_limit, control.friction_feedforward
-    assert pole is not None
-    assert limit is not None
-    assert friction is not None
-    if control.period > (longest := longest_period(pole, actuators.time_constant_ms / 1e3)):
-        raise ScenarioError(
-            f"control.period = {control.period:g} s is too long for control.pole = "
-            f"{pole:g} rad/s, the position loops would ring: it must be "
-            f"{1e-4 * math.floor(1e4 * longest):g} s or less",
-            "control.period",
-        )
-    extending, retracting = friction
-    params = actuators.params
-    return PiControllerParams(
-        gain=params.gain,
-        pole=pole,
-        voltage_limit=limit,
-        rate_feedforward=control.rate_feedforward,
-        friction_feedforward=(extending, retracting),
-        error_limit=_ERROR_LIMIT * (params.stop_max - params.stop_min),
-        gain_share=scenario.gain_share,
-    )
-
-
-def longest_period(pole: float, tau: float = LinearActuatorParams().time_constant) -> float:
-    """Longest sampling period with which position loops do not ring [s].
-
-    Args:
-        pole: pole of the loops [rad/s].
-        tau: time constant of the actuators [s].
-    """
-    low, high = 0.0, 1.0
-    while high - low > 1e-6:
-        middle = 0.5 * (low + high)
-        low, high = (
-            (middle, high) if _damping(pole, middle, tau) >= _LEAST_DAMPING else (low, middle)
-        )
-    return low
-
-
-def _damping(pole: float, period: float, tau: float) -> float:
-    """Smallest damping of a sampled position loop, Eqs. (17) and (32).
-
-    The actuator is K / (s (tau s + 1)), and a command takes effect a period after its measurement.
-    """
-    decay = math.exp(-period / tau)
-    way = tau * (1.0 - decay)
-    k_v, k_i = 2.0 * pole, pole**2 * period  # of u = K times the voltage
-    # Position, velocity, integral and the command that takes effect next.
-    step = np.array(
-        [
-            [1.0, way, 0.0, period - way],
-            [0.0, decay, 0.0, 1.0 - decay],
-            [-k_i, 0.0, 1.0, 0.0],
-            [-k_v, 0.0, 1.0, 0.0],
-        ]
-    )
-    poles = np.log(np.linalg.eigvals(step).astype(complex))
-    return float((-poles.real / np.abs(poles)).min())
 
 
 def posture_loop_params(scenario: LevellingScenario) -> PostureLoopParams:

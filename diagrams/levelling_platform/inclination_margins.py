@@ -17,7 +17,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
+from parapod.diagrams.levelling_platform.controller import posture_loop_params
+from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.linear import linearised
 from parapod.diagrams.wiring import add, connect

@@ -3,9 +3,10 @@
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Adder
 
-from parapod.diagrams.levelling_platform.controller import Wired, measuring_systems, pi_params
+from parapod.diagrams.levelling_platform.controller import measuring_systems
+from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.wiring import named, wired
+from parapod.diagrams.wiring import Wired, named, wired
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.levelling_platform.eased_legs import EasedLegs
 from parapod.systems.levelling_platform.geometry import LEG_COUNT

@@ -4,7 +4,8 @@ from typing import Literal
 
 from pydrake.systems.framework import Diagram
 
-from parapod.diagrams.levelling_platform.controller import arm_chain, pi_params, posture_chain
+from parapod.diagrams.levelling_platform.controller import arm_chain, posture_chain
+from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import wired
 from parapod.systems.actuators.pi_controller import PiController

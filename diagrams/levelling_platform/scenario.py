@@ -150,6 +150,9 @@ class ControlScenario(UsualControlScenario):
         arm_frequencies_Hz: frequencies of the arm's vibration [Hz]; null: the first ones of the
             rod that bends, upright.
         arm_damping_ratio: damping ratio of that vibration [-]; null: that of the rod.
+        arm_damping_by_legs: inclination of the platform by the legs so that the arm's rod does
+            not vibrate: "none", by the arm's commands ("feedforward"), against the vibration that
+            an observer has from encoders ("feedback"), or "both".
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
@@ -167,6 +170,7 @@ class ControlScenario(UsualControlScenario):
     arm_shaper: str = choice("none", ("none", *get_args(ShaperKind.__value__)))
     arm_frequencies_Hz: list[float] | None = quantity(None, 0.01, 500.0)  # noqa: N815 (the unit's)
     arm_damping_ratio: float | None = quantity(None, 0.0, 0.3)
+    arm_damping_by_legs: str = choice("none", ("none", "feedforward", "feedback", "both"))
 
     @property
     def encoder_offsets(self) -> NDArray[np.float64]:

@@ -1,8 +1,11 @@
-"""Measure how long the tip of a flexible arm swings after a move, as it is and with shapers.
+"""Measure how long the tip of a flexible arm swings after a move, shaped, and damped by the legs.
 
 The platform levels itself and holds; then the arm swings, once with the command as it is and once
 with each input shaper: zero vibration (ZV), zero vibration and derivative (ZVD), extra insensitive
 (EI). They wait for half a period of the vibration or for a whole one, and leave the tip at rest.
+
+With the legs alone the command stays as it is, and the legs incline the platform so that the tip
+comes to rest; no sensor is on the rod. The last run has shaper and legs.
 
 The second figure is about a rod that is not the one that the shapers were designed for: simulated
 on a base at rest (dots), beside the residual that theory gives (lines).
@@ -15,6 +18,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from parapod.diagrams.levelling_platform.arm_damping import feedforward_system
 from parapod.diagrams.levelling_platform.machine import swing_to
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.shaping import arm_shaper
@@ -31,14 +35,24 @@ from parapod.systems.core.errors import ScenarioError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-KINDS: tuple[str, ...] = ("none", *get_args(ShaperKind.__value__))
+SHAPERS: tuple[str, ...] = get_args(ShaperKind.__value__)
+# Runs: the command as it is, with each shaper, with the legs alone, and with shaper and legs.
+KINDS: tuple[str, ...] = ("none", *SHAPERS, "legs", "both")
 _NAMES = {"none": "unshaped", "zv": "ZV", "zvd": "ZVD", "ei": "EI"}
-# Largest residual of a shaped command by the unshaped one [%].
-_BOUND = 5.0
+_NAMES |= {"legs": "legs alone", "both": "shaper and legs"}
+# Largest residual by that of the command as it is: of a shaped one, and with the legs alone [%].
+_BOUND, _LEGS_BOUND = 5.0, 30.0
 # Periods of the vibration in which its amplitude is measured, and that must follow the swing [-].
 _PERIODS, _AFTER = 1.5, 4.0
 # Frequencies of other rods by that of the known one, and step of their simulation [-, s].
 _SCALES, _STEP = np.linspace(0.7, 1.3, 13), 5e-3
+_MEANINGS = {"legs": "the legs alone", "both": "shaper and legs"}
+# Largest inclination at the end of the job, as that of a levelled platform [deg].
+_TILT = 0.2
+# Beginning of the figure, from that of the swing [s].
+_FIRST = -0.2
+# Residual up to which those of other rods are drawn [%].
+_DRAWN = 100.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +60,7 @@ class Runs:
     """Runs with each command.
 
     Attributes:
-        by_kind: runs by the kind of their shaper; "none" is the unshaped one.
+        by_kind: runs by what leaves the tip at rest; "none" is the command as it is.
         run: the run that is watched.
     """
 
@@ -59,10 +73,16 @@ class Runs:
 
 
 class ArmVibration(LevellingExperiment[Runs]):
-    """Swings the arm with each kind of command; the run of `control.arm_shaper` is watched."""
+    """Swings the arm as it is, shaped, and with the legs against the vibration.
 
-    signals = ("truth.tip_deflection", "truth.tip_pose", "arm.position_command")
-    takes = "20 s"
+    The run with both `control.arm_shaper` and `control.arm_damping_by_legs` is watched.
+    """
+
+    signals = (
+        *("truth.tip_deflection", "truth.tip_pose", "truth.posture"),
+        "arm.position_command",
+    )
+    takes = "30 s"
 
     def check(self, scenario: LevellingScenario) -> None:
         """Refuses an arm that does not bend, and a job that ends too early.
@@ -74,9 +94,12 @@ class ArmVibration(LevellingExperiment[Runs]):
         if scenario.machine.arm.bending is None:
             raise ScenarioError("machine.arm must bend: it must be !FlexibleRod", "machine.arm")
         if scenario.control.arm_shaper == "none":
-            key, kinds = "control.arm_shaper", ", ".join(KINDS[1:])
+            key, kinds = "control.arm_shaper", ", ".join(SHAPERS)
             raise ScenarioError(f"{key} must be one of {kinds}: its run is watched", key)
-        least = max(_arrival(_shaped(scenario, kind)) for kind in KINDS)
+        if scenario.control.arm_damping_by_legs == "none":
+            key = "control.arm_damping_by_legs"
+            raise ScenarioError(f"{key} must not be none: the legs' run is watched", key)
+        least = max(_arrival(_variant(scenario, kind)) for kind in KINDS)
         least += _PERIODS * _period(scenario) - scenario.job.estimate_at
         if scenario.job.end < least:
             least = 0.1 * math.ceil(10.0 * least)
@@ -87,18 +110,17 @@ class ArmVibration(LevellingExperiment[Runs]):
             )
 
     def run(self, scenario: LevellingScenario, runner: Runner) -> Runs:
-        """Swings the arm with each kind of command; that of the scenario comes last."""
-        kinds = [kind for kind in KINDS if kind != scenario.control.arm_shaper]
+        """Swings the arm in each way; that of the scenario comes last."""
         runs = {
-            kind: self.run_loop(_shaped(scenario, kind), runner, watched=False) for kind in kinds
+            kind: self.run_loop(_variant(scenario, kind), runner, watched=False)
+            for kind in KINDS[:-1]
         }
-        runs[scenario.control.arm_shaper] = self.run_loop(scenario, runner)
-        return Runs(runs)
+        return Runs(runs | {KINDS[-1]: self.run_loop(scenario, runner)})
 
     def measure(self, scenario: LevellingScenario, data: Runs) -> Iterator[Metric]:
-        """Amplitudes after the swing, by that of the unshaped one, and delays."""
+        """Amplitudes after the swing, by that of the command as it is, and delays."""
         amplitudes = {
-            kind: _amplitude(_shaped(scenario, kind), run) for kind, run in data.by_kind.items()
+            kind: _amplitude(_variant(scenario, kind), run) for kind, run in data.by_kind.items()
         }
         unshaped = amplitudes["none"]
         yield Metric(
@@ -108,20 +130,27 @@ class ArmVibration(LevellingExperiment[Runs]):
             meaning="largest amplitude of the tip after the swing, command as it is",
         )
         for kind in KINDS[1:]:
-            name = _NAMES[kind]
+            what = _MEANINGS.get(kind, f"the {_NAMES[kind]} shaper")
             yield Metric(
                 f"{kind}_residual_percent",
                 100.0 * amplitudes[kind] / unshaped,
                 "%",
-                _BOUND,
-                meaning=f"ratio of the amplitude with the {name} shaper to that without",
+                _LEGS_BOUND if kind == "legs" else _BOUND,
+                meaning=f"ratio of the amplitude with {what} to that without",
             )
             yield Metric(
                 f"{kind}_delay_s",
-                _delay(_shaped(scenario, kind)),
+                _delay(_variant(scenario, kind)),
                 "s",
-                meaning=f"time by which the {name} shaper ends the swing later",
+                meaning=f"time by which the vibration ends later with {what}",
             )
+        yield Metric(
+            "tilt_after_deg",
+            _tilt_after(scenario, data.run),
+            "deg",
+            _TILT,
+            meaning="inclination of the platform at the end, with shaper and legs",
+        )
         yield realtime_metric(*data.by_kind.values())
 
     def note(self, scenario: LevellingScenario, data: Runs) -> Iterator[str]:
@@ -138,14 +167,25 @@ class ArmVibration(LevellingExperiment[Runs]):
         yield _robustness_figure(scenario)
 
 
-def _shaped(scenario: LevellingScenario, kind: str) -> LevellingScenario:
-    return replace(scenario, control=replace(scenario.control, arm_shaper=kind))
+def _variant(scenario: LevellingScenario, kind: str) -> LevellingScenario:
+    """The scenario of a run."""
+    if kind == "both":
+        return scenario
+    control = scenario.control
+    if kind == "legs":
+        control = replace(control, arm_shaper="none")
+    else:
+        control = replace(control, arm_shaper=kind, arm_damping_by_legs="none")
+    return replace(scenario, control=control)
 
 
 def _delay(scenario: LevellingScenario) -> float:
-    """Time by which the command ends later [s]."""
-    shaper = arm_shaper(scenario)
-    return 0.0 if shaper is None else shaper.delay + scenario.control.period
+    """Time by which the vibration ends later than the swing [s]."""
+    control, shaper = scenario.control, arm_shaper(scenario)
+    delay = 0.0 if shaper is None else shaper.delay + control.period
+    if control.arm_damping_by_legs in ("feedforward", "both"):
+        delay += feedforward_system(scenario).delay
+    return delay
 
 
 def _arrival(scenario: LevellingScenario) -> float:
@@ -173,41 +213,53 @@ def _amplitude(scenario: LevellingScenario, run: Run) -> float:
     return 500.0 * float(np.ptp(run["truth.tip_deflection"][counts, 0]))
 
 
+def _tilt_after(scenario: LevellingScenario, run: Run) -> float:
+    """Largest inclination of the platform in the last moments of the job [deg]."""
+    last = run.time >= run.time[-1] - _PERIODS * _period(scenario)
+    tilt: float = np.degrees(np.linalg.norm(run["truth.posture"][last, :2], axis=1)).max()
+    return tilt
+
+
 def _tip_figure(scenario: LevellingScenario, data: Runs) -> Figure:
     job = scenario.job
     begins = job.estimate_at + job.arm.start
 
     def draw(canvas: "Canvas") -> None:
-        upper, lower = canvas.subplots(2, 1, sharex=True, height_ratios=(1, 2))
+        upper, middle, lower = canvas.subplots(3, 1, sharex=True, height_ratios=(1, 1, 2.4))
         for kind in KINDS:
             run = data.by_kind[kind]
+            run = run.after(begins + _FIRST)
             time = run.time - begins
             look: dict[str, Any] = {"label": _NAMES[kind], "linewidth": 1.6}
             upper.plot(time, np.degrees(run["arm.position_command"][:, -1]), **look)
+            middle.plot(time, np.degrees(run["truth.posture"][:, 1]), **look)
             lower.plot(time, 1e3 * run["truth.tip_deflection"][:, 0], **look)
-        lower.set_xlim(-0.2, float(data.run.time[-1]) - begins)
-        upper.set_ylabel("command [deg]")
+        lower.set_xlim(_FIRST, float(data.run.time[-1]) - begins)
+        upper.set_ylabel("arm [deg]")
+        middle.set_ylabel("pitch [deg]")
         lower.set_xlabel("time from the beginning of the swing [s]")
         lower.set_ylabel("tip's deflection [mm]")
-        upper.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+        upper.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(KINDS))
 
     return Figure(
         "arm_vibration",
         "The arm's swing",
-        "Above the commands, below how far the tip is from where a rigid rod would have it.",
+        "Commands of the arm, what the legs do to the platform's pitch, and how far the tip is "
+        "from where a rigid rod would have it.",
         draw,
-        (8.0, 4.6),
+        (8.0, 5.6),
     )
 
 
 def _robustness_figure(scenario: LevellingScenario) -> Figure:
-    shapers = {kind: arm_shaper(_shaped(scenario, kind)) or Shaper() for kind in KINDS}
+    shapers = {kind: arm_shaper(_variant(scenario, kind)) or Shaper() for kind in SHAPERS}
+    legs = feedforward_system(scenario)
     omega, damping = 2.0 * math.pi / _period(scenario), _rod(scenario).damping_ratio
 
     def draw(canvas: "Canvas") -> None:
         axes = canvas.subplots()
         scales = np.linspace(_SCALES[0], _SCALES[-1], 241)
-        for kind in KINDS[1:]:
+        for kind in SHAPERS:
             (line,) = axes.plot(
                 100.0 * (scales - 1.0),
                 100.0 * shapers[kind].residual(scales * omega, damping),
@@ -217,19 +269,26 @@ def _robustness_figure(scenario: LevellingScenario) -> Figure:
             simulated = [simulated_residual(scenario, shapers[kind], scale) for scale in _SCALES]
             dots: dict[str, Any] = {"markersize": 4, "color": line.get_color()}
             axes.plot(100.0 * (_SCALES - 1.0), simulated, "o", **dots)
+        axes.plot(
+            100.0 * (scales - 1.0),
+            [100.0 * legs.residual(scale * omega) for scale in scales],
+            label=_NAMES["legs"],
+            linewidth=1.6,
+        )
         axes.axhline(_BOUND, color="0.5", linewidth=0.8, linestyle="--")
         axes.set(
             xlabel="frequency of the rod by the one that is known [%]",
             ylabel="residual vibration [% of the unshaped]",
             xlim=(-30.0, 30.0),
-            ylim=(0.0, None),
+            ylim=(0.0, _DRAWN),
         )
         axes.legend()
 
     return Figure(
         "shaper_robustness",
         "Rods that are softer and stiffer than known",
-        "Residual vibration after the swing: lines by theory, dots simulated on a base at rest. "
+        "Residual vibration after the swing: lines by theory (of the legs their feedforward), "
+        "dots simulated on a base at rest. "
         f"Dashed: {_BOUND:g} %.",
         draw,
         (8.0, 4.6),

@@ -6,10 +6,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.controller import longest_period, make_controller
+from parapod.diagrams.levelling_platform.controller import make_controller
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.parts import SensorScenario
+from parapod.diagrams.levelling_platform.position_loops import longest_period
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,

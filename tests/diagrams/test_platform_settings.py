@@ -9,11 +9,12 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.beginning import Beginning
-from parapod.diagrams.levelling_platform.controller import pi_params, posture_loop_params
+from parapod.diagrams.levelling_platform.controller import posture_loop_params
 from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.machine import PLATFORM, make_job_sources
 from parapod.diagrams.levelling_platform.model import DRAWN
 from parapod.diagrams.levelling_platform.parts import SensorScenario
+from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import (
     ControlScenario,
     LevellingScenario,

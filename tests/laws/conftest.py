@@ -43,6 +43,7 @@ from parapod.systems.actuators.pi_controller import PiControllerParams
 from parapod.systems.actuators.position_drive import PositionDriveParams
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.input_shaper import Shaper
+from parapod.systems.arm.vibration_feedforward import LumpedRod
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
@@ -477,6 +478,22 @@ ENTRIES: dict[str, Entry] = {
         variants=({"base_motion": "pose"}, {"base_pose": UPRIGHT}),
         inputs={"base_velocity": around(0.0, 0.2), "joint_state": around(0.0, 0.2)},
         passes={"the tip are not finite either": "tip_pose tip_velocity clamp_pose"},
+        shares=True,
+    ),
+    "VibrationFeedforward": Entry(
+        # So slow that any period carries it.
+        lambda: {"rod": LumpedRod(1.9, (3.0, 2.5), 0.01), "arm": PAPER_ARM},
+        inputs={"arm_command": around(0.0, 0.2)},
+    ),
+    "VibrationDamper": Entry(
+        lambda: {"rod": LumpedRod(1.9, (3.0, 2.5), 0.01), "arm": PAPER_ARM},
+        inputs={"posture": POSTURE, "fed_forward": one_of(0.0, 0.0, 0.1)},
+    ),
+    "DampedPosture": Entry(
+        lambda: {"rod": LumpedRod(1.9, (14.0, 12.0), 0.01), "arm": PAPER_ARM},
+        variants=({"limit": 0.2},),
+        inputs={"displacement": around(0.0, 0.3)},
+        passes={"is passed on": "posture_damped_state"},
         shares=True,
     ),
     "FootForce": Entry(inputs=BENCH),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import TrajectorySource
 
-from parapod.diagrams.levelling_platform.controller import pi_params
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import (
     GroundScenario,
     LevellingScenario,
