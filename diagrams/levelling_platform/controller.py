@@ -3,7 +3,7 @@
 The posture chain of Fig. 18 is shared; one controller obeys a trigger, the other a supervisor.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 from pydrake.systems.framework import Diagram, System
@@ -118,7 +118,7 @@ def posture_chain(
         chain += correction
         followed = {"posture_desired_state": "posture_corrected_state"}
     if damping := damping_systems(scenario, enable):
-        chain += [(system, signals | followed) for system, signals in damping]
+        chain += [(system, {**signals, **followed}) for system, signals in damping]
         followed = {"posture_desired_state": "posture_damped_state"}
     if control.outer_loop and not correction:
         loop = PostureLoop(posture_loop_params(scenario), period=period)
