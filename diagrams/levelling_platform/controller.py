@@ -197,7 +197,7 @@ def make_supervised_controller(scenario: LevellingScenario, is_operated: bool = 
             named("skid_steering", MatrixGain(wheels.skid_steering())),
             {"u0": "drive_request", "y0": "wheel_request"},
         ),
-        FaultDetector(geometry, machine.fault_detector, period),
+        FaultDetector(geometry, scenario.fault_detector, period),
         *arm_chain(scenario),
     ]
     unused = () if is_operated else ("jog_request", "operator_age")

@@ -61,9 +61,7 @@ class PlatformGuard:
         self._ticks = Ticks(scenario.control.period)
         geometry = scenario.geometry_as_known
         self._offsets = scenario.control.encoder_offsets
-        self._detector = FaultDetector(
-            geometry, scenario.machine.fault_detector, scenario.control.period
-        )
+        self._detector = FaultDetector(geometry, scenario.fault_detector, scenario.control.period)
         self._context = self._detector.CreateDefaultContext()
         for i in range(self._detector.num_input_ports()):
             port = self._detector.get_input_port(i)

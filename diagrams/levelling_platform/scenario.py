@@ -19,6 +19,7 @@ from parapod.diagrams.machine import ControlScenario as UsualControlScenario
 from parapod.systems.arm.input_shaper import ShaperKind
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.levelling_platform.fault_detection import FaultDetectorParams
 from parapod.systems.levelling_platform.geometry import (
     LEG_COUNT,
     LegDeviation,
@@ -31,6 +32,9 @@ SIMULATED = ("multibody", "kinematic", "mujoco")
 BACKENDS = (*SIMULATED, "mock", "hardware")
 # Pole of the position controllers by that of an actuator [-]; supply by the largest command [-].
 _POLE, _RESERVE = 0.1, 1.2
+# Faster than legs that damp ever turn the platform: twice what the arm's fastest swing takes
+# [rad/s].
+_DAMPING_TURN_RATE = 0.5
 
 
 @dataclass
@@ -356,6 +360,14 @@ class LevellingScenario(Schema):
             friction_feedforward=friction,
             actuator_gains=[actuators.gain_m_s_V] * LEG_COUNT if gains is None else gains,
         )
+
+    @property
+    def fault_detector(self) -> FaultDetectorParams:
+        """Limits of normal signals; legs that damp turn the platform faster than postures do."""
+        limits = self.machine.fault_detector
+        if self.control.arm_damping_by_legs == "none":
+            return limits
+        return replace(limits, turn_rate=_DAMPING_TURN_RATE)
 
     @property
     def gain_share(self) -> tuple[float, ...]:

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.math import RollPitchYaw
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RollPitchYaw, RotationMatrix
 
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
@@ -13,7 +14,7 @@ from parapod.systems.levelling_platform.kinematics import (
     inverse_kinematics,
     posture_jacobian,
 )
-from parapod.systems.levelling_platform.leg import foot_to_centre
+from parapod.systems.levelling_platform.leg import foot_to_centre, footprint
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, rod_arm
 
 POINT = PlatformGeometry()
@@ -121,15 +122,37 @@ def test_posture_of_stiff_feet_is_forward_kinematics(stand, geometry):
     np.testing.assert_allclose(output["posture"], POSTURE, rtol=0, atol=1e-6)
     np.testing.assert_allclose(output["attitude"], (*POSTURE[:2], 0.0), rtol=0, atol=1e-6)
     np.testing.assert_allclose(output["foot_height"], 0.0, atol=1e-9)
-    quaternion = RollPitchYaw(*POSTURE[:2], 0.0).ToQuaternion().wxyz()
     pose = output["base_pose"]
-    np.testing.assert_allclose(pose[:4], quaternion, rtol=0, atol=1e-6)
+    orientation = RotationMatrix(Quaternion(pose[:4]))
+    turned, angles = orientation.matrix(), RollPitchYaw(orientation).vector()
+    np.testing.assert_allclose(angles[:2], POSTURE[:2], rtol=0, atol=1e-6)
     normal = rotation(GROUND)[:, 2]
-    assert normal @ pose[4:] == pytest.approx(POSTURE[2], abs=1e-6)
-    # The middle of the feet stays at the origin.
-    feet = pose[4:] + feet_of(extension, geometry) @ rotation(POSTURE).T
+    # The lowest points of the feet, which roll, have their middle at the origin.
+    bottoms = feet_of(extension, geometry) - [0.0, 0.0, geometry.foot_radius]
+    feet = pose[4:] + bottoms @ turned.T
     middle = feet.mean(axis=0)
-    np.testing.assert_allclose(middle - normal * (normal @ middle), 0.0, atol=1e-6)
+    heading = RollPitchYaw(0.0, 0.0, angles[2]).ToRotationMatrix().matrix()
+    up = heading @ normal
+    assert up @ pose[4:] == pytest.approx(POSTURE[2], abs=1e-6)
+    np.testing.assert_allclose(middle - up * (up @ middle), 0.0, atol=1e-6)
+    # They are turned least against those of legs of one length: no yaw more or less is nearer.
+    alike = footprint(geometry.legs, GROUND)
+    away = [
+        np.linalg.norm((feet - middle)[:, :2] @ turn(by).T - alike) for by in (-1e-4, 0.0, 1e-4)
+    ]
+    assert away[1] < min(away[0], away[2])
+
+
+def turn(yaw):
+    """Rotation of the plane."""
+    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+
+
+def test_legs_of_one_length_have_no_yaw(stand):
+    pose = stand([0.405] * 4, ground=GROUND)["base_pose"]
+    assert RollPitchYaw(RotationMatrix(Quaternion(pose[:4]))).yaw_angle() == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_platform_sinks_by_force_over_stiffness(stand):
