@@ -65,7 +65,7 @@ class OwnModel:
         Raises:
             ScenarioError: as `add`; or joints that are not those that move the tip.
         """
-        instance, group = self._parse(plant, name), self.key.rpartition(".")[0]
+        instance, group = self._parse(plant, name, False), self.key.rpartition(".")[0]
         mount = find_frame(plant, instance, self.frame, f"{group}.mount", self.urdf)
         tip = find_frame(plant, instance, self.tip, f"{group}.tip", self.urdf)
         way = _joints_between(plant, mount, tip, f"{group}.tip", self.urdf)
@@ -80,8 +80,10 @@ class OwnModel:
             )
         return mount, joints, tip
 
-    def _parse(self, plant: MultibodyPlant, name: str) -> ModelInstanceIndex:
-        instance = parse_model(plant, self.urdf, self.key)
+    def _parse(
+        self, plant: MultibodyPlant, name: str, collides: bool = True
+    ) -> ModelInstanceIndex:
+        instance = parse_model(plant, self.urdf, self.key, collides)
         plant.RenameModelInstance(instance, name)
         bodies = map(plant.get_body, plant.GetBodyIndices(instance))
         mass = sum(body.default_mass() for body in bodies)
@@ -90,13 +92,16 @@ class OwnModel:
         return instance
 
 
-def parse_model(plant: MultibodyPlant, urdf: str, key: str) -> ModelInstanceIndex:
+def parse_model(
+    plant: MultibodyPlant, urdf: str, key: str, collides: bool = True
+) -> ModelInstanceIndex:
     """Adds the one model of a file to a plant.
 
     Args:
         plant: not finalized.
         urdf: URDF or SDFormat file, or a `package://` URL.
         key: key of the file in the scenario.
+        collides: true if it keeps those of its collision shapes that Drake can read.
 
     Raises:
         ScenarioError: the file, or one that it refers to, is missing or cannot be read.
@@ -104,7 +109,7 @@ def parse_model(plant: MultibodyPlant, urdf: str, key: str) -> ModelInstanceInde
     parser = Parser(plant)
     configure_parser(parser)
     parser.SetAutoRenaming(True)
-    add = _reader(parser, urdf, key)
+    add = _reader(parser, urdf, key, collides)
     warnings: list[str] = []
     listening = _Listening(warnings)
     try:
@@ -143,24 +148,30 @@ class _Listening(logging.Handler):
         self._log.removeHandler(self)
 
 
-def _reader(parser: Parser, urdf: str, key: str) -> Callable[[], Sequence[ModelInstanceIndex]]:
+def _reader(
+    parser: Parser, urdf: str, key: str, collides: bool
+) -> Callable[[], Sequence[ModelInstanceIndex]]:
     if urdf.startswith("package://"):
         return lambda: parser.AddModels(url=urdf)
     path = Path(urdf)
     if not path.is_file():
         raise ScenarioError(f"{key} = {quoted(urdf)}: there is no such file", key)
     _add_packages(parser.package_map(), path)
-    text = _as_part(path)
+    text = _as_part(path, collides)
     if text is None:
         return lambda: parser.AddModels(path)
     return lambda: parser.AddModelsFromString(text, "urdf")
 
 
-def _as_part(path: Path) -> str | None:
+def _as_part(path: Path, collides: bool) -> str | None:
     """A URDF without what keeps it from being a part of a machine; None: it is one as it is.
 
     That is a link "world" to which it is fixed, and meshes of collision shapes that Drake cannot
     read: most public robots have STL files there, and only feet and wheels touch anything.
+
+    Args:
+        path: the file.
+        collides: false for a part that loses all collision shapes, as an arm does.
     """
     if path.suffix.lower() != ".urdf":
         return None
@@ -178,7 +189,8 @@ def _as_part(path: Path) -> str | None:
         for shape in link.findall("collision"):
             mesh = shape.find("geometry/mesh")
             name = "" if mesh is None else mesh.get("filename", "")
-            if name and Path(name).suffix.lower() not in _MESHES:
+            is_foreign = bool(name) and Path(name).suffix.lower() not in _MESHES
+            if is_foreign or not collides:
                 surplus.append((link, shape))
     if not surplus:
         return None

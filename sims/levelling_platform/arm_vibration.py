@@ -149,7 +149,7 @@ class ArmVibration(LevellingExperiment[Runs]):
             _tilt_after(scenario, data.run),
             "deg",
             _TILT,
-            meaning="inclination of the platform at the end, with shaper and legs",
+            meaning="largest angle of the platform at the end, with shaper and legs",
         )
         yield realtime_metric(*data.by_kind.values())
 

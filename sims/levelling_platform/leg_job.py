@@ -131,7 +131,10 @@ class LegWatch:
         signals: names of the signals that it notes.
         rows: values at each tick by signal; `t` is the time at which the legs were read [s].
         is_over: true if the job is done before its end.
+        run: the run, once it is over.
     """
+
+    run: Run
 
     tilt_limit: ClassVar[float] = _TILT
     signals: ClassVar[Sequence[str]] = (
@@ -207,7 +210,7 @@ class LegWatch:
 
 
 def carry_out[W: LegWatch](
-    job: LegJob,
+    job: LoopExperiment[LevellingScenario, Any],
     scenario: LevellingScenario,
     runner: Runner,
     make_watch: Callable[[ClosedLoop[Any]], W],
@@ -230,7 +233,8 @@ def carry_out[W: LegWatch](
 
         return look
 
-    job.run_loop(scenario, runner, monitor=monitor)
+    run = job.run_loop(scenario, runner, monitor=monitor)
+    watches[-1].run = run
     return watches[-1]
 
 

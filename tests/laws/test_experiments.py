@@ -80,6 +80,7 @@ BRIEF = {
         *("job.arm={start: 0.5, duration: 0.5}", "job.end=2.5"),
     ),
     "identify-actuators": COARSE,
+    "identify-arm": ("backend=kinematic",),
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.5", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
     "centre-machining": (

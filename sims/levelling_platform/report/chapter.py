@@ -197,7 +197,8 @@ _PARTS = (
         "The flexible arm",
         "The paper takes its slender arm for rigid, and leaves its flexibility to future work. "
         "Here it bends: two modes in each plane, with sag, wrench and vibration, behind every "
-        "plant. Input shapers end a swing of 45 deg in a second without vibration.",
+        "plant. Input shapers end a swing of 45 deg in a second without vibration, and so do legs "
+        "that incline the platform.",
         "arm-vibration",
         quick=("backend=kinematic",),
     ),
@@ -213,6 +214,14 @@ _PARTS = (
             "backend=kinematic",
             "inspection.points=[{place_mm: [1030, 20, 2360]}, {place_mm: [930, 1620, 1430]}]",
         ),
+    ),
+    Part(
+        "identify-arm",
+        "The arm's vibration",
+        "Frequency and damping of the arm from the legs alone: they jerk the platform and lift "
+        "it, and their voltages tell how the rod swings.",
+        "identify-arm",
+        quick=("backend=kinematic",),
     ),
     Part(
         "identify-actuators",
