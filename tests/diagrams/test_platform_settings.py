@@ -22,6 +22,7 @@ from parapod.diagrams.levelling_platform.scenario import (
 )
 from parapod.diagrams.wiring import outputs_of
 from parapod.systems.core.physics import STANDARD_GRAVITY
+from parapod.systems.core.scenario_file import load_scenario
 
 SEEDS = range(64)
 
@@ -127,3 +128,15 @@ def test_a_wrong_encoder_misleads_the_controller_by_as_much(record):
     seen, true = (found[name][-1, 1] for name in ("legs.extension", "truth.extension"))
     assert seen == pytest.approx(found["extension_desired_state"][-1, 1], abs=2e-4)
     assert seen - true == pytest.approx(5e-3, abs=2e-5)
+
+
+def test_only_legs_that_damp_may_turn_the_platform_fast():
+    flexible = "machine.arm=!FlexibleRod {}"
+    usual, damping = (
+        load_scenario(LevellingScenario, overrides=(flexible, f"control.arm_damping_by_legs={k}"))
+        for k in ("none", "both")
+    )
+    assert usual.fault_detector == usual.machine.fault_detector
+    # The arm's swing takes 14 deg/s.
+    assert damping.fault_detector.turn_rate > 1.5 * math.radians(14.0)
+    assert damping.fault_detector.tilt == usual.fault_detector.tilt
