@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
 from pydrake.trajectories import PiecewisePolynomial
+from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
@@ -24,9 +25,9 @@ from parapod.diagrams.levelling_platform.pointing import carried_arm, make_point
 from parapod.diagrams.levelling_platform.scenario import BODIES, LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.panel import Readout, Row
+from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run, realtime_metric
-from parapod.sims.lab.runner import Runner
+from parapod.sims.lab.runner import Live, Runner
 from parapod.sims.levelling_platform.levelling import check_friction, make_scene
 from parapod.sims.levelling_platform.tip_scene import TipScene
 from parapod.sims.output.figures import Figure
@@ -147,8 +148,8 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
     )
     takes = "a minute"
     advice = (
-        "Move the tip with the sliders in the browser: to the red point go arm and turntable, and "
-        "the legs do the rest."
+        "Move the tip with the sliders in the browser: arm and turntable go to the red point as "
+        "far as they can, and the legs do the rest."
     )
 
     def check(self, scenario: InspectScenario) -> None:
@@ -196,6 +197,19 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
             sources=(trigger(scenario), sliders),
             log=(),
         )
+
+    def live(
+        self, scenario: InspectScenario, panel: Panel, run: Run, console: Console
+    ) -> Callable[[], str]:
+        """Sliders move the tip, whose point and way are drawn."""
+        loop = self.operated(scenario, panel, panel.meshcat)
+        draw = watch_tip(scenario, 0, loop, panel.meshcat)
+
+        def read_out(loop: ClosedLoop[Any], root_context: Context) -> Readout:
+            draw(root_context)
+            return read_tip(loop, root_context)
+
+        return Live(panel, loop, read_out).obey
 
     def scene(self, scenario: InspectScenario) -> Meshcat:
         """The ground's slope against a horizontal floor."""
@@ -316,7 +330,7 @@ def stroke_metric(scenario: LevellingScenario, run: Run) -> Metric:
 
 
 def watch_tip(
-    scenario: LevellingScenario, count: int, loop: ClosedLoop[Any], meshcat: Meshcat | None
+    scenario: InspectScenario, count: int, loop: ClosedLoop[Any], meshcat: Meshcat | None
 ) -> Monitor:
     """Draws points and way of the tip, and ends a run after the last point.
 
@@ -326,10 +340,10 @@ def watch_tip(
         loop: the loop.
         meshcat: its scene, or None.
     """
-    points = [p.command[:3] for p in getattr(scenario, "inspection", InspectionScenario()).points]
+    points = [point.command[:3] for point in scenario.inspection.points]
     size = scenario.machine.size
     scene = None if meshcat is None else TipScene(meshcat, points[:count], size)
-    script = loop.GetSubsystemByName("tip_script")
+    script = loop.GetSubsystemByName("tip_script") if count else None
     ended: list[float] = []
 
     def look(root_context: Context) -> EventStatus:
@@ -337,7 +351,7 @@ def watch_tip(
         if scene is not None:
             read = partial(_read, loop, root_context)
             scene.show(read("tip_goal"), read("truth.tip_pose")[4:], now)
-        if count and value_of(script, "points_done", root_context)[0] >= count:
+        if script is not None and value_of(script, "points_done", root_context)[0] >= count:
             ended.append(now)
             if now >= ended[0] + _SEEN:
                 return EventStatus.ReachedTermination(script, "done")
@@ -361,7 +375,7 @@ def read_tip(loop: ClosedLoop[Any], root_context: Context) -> Readout:
         true = 1e3 * read("truth.tip_pose")[4:]
     is_known = bool(read("ground_valid")[0] > 0.5)
     rows = [
-        Row(name, _known(goal[i]), _known(measured[i]), _known(true[i]), "mm", 1)
+        Row(name, _known(goal[i]), _known(measured[i]), _known(true[i]), "mm", 0)
         for i, name in enumerate(("tip's x", "tip's y", "tip's z"))
         if is_known
     ]

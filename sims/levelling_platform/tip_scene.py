@@ -13,8 +13,8 @@ _TO_COME, _PRESENT, _TRAIL = (
     Rgba(0.84, 0.28, 0.16),
     Rgba(0.12, 0.42, 0.78),
 )
-# Time between two places of the way [s].
-_PERIOD = 0.1
+# Time between two places of the way [s], and number of them that are kept.
+_PERIOD, _MOST = 0.1, 3000
 
 
 class TipScene:
@@ -60,7 +60,7 @@ class TipScene:
         self._next = time + _PERIOD
         here: NDArray[np.float64] = np.array(tip, dtype=float)
         if self._last is not None and np.isfinite([*here, *self._last]).all():
-            path = f"{_PATH}/way/{self._count}"
+            path = f"{_PATH}/way/{self._count % _MOST}"
             self._count += 1
             ends = np.column_stack([self._last, here])
             self._meshcat.SetLine(path, ends, _WIDTH, _TRAIL)

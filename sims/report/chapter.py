@@ -266,6 +266,23 @@ class Component:
 
 
 @dataclass(frozen=True)
+class FutureWork:
+    """Something that the paper leaves to future work, and what is shown of it here.
+
+    Attributes:
+        where: section of the paper.
+        wish: work that it leaves, in a few words.
+        here: result here, a sentence or two.
+        parts: names of the parts that show it; empty for none.
+    """
+
+    where: str
+    wish: str
+    here: str
+    parts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Chapter:
     """A machine in the report.
 
@@ -281,6 +298,7 @@ class Chapter:
         drawings: figures that need no experiment.
         pictures: takes the pictures; raises RuntimeError where nothing can render.
         missing: results that could not be reproduced, a sentence each.
+        future: work that the paper leaves to future work.
     """
 
     title: str
@@ -294,3 +312,4 @@ class Chapter:
     drawings: tuple[Figure, ...] = ()
     pictures: Callable[[], Sequence[Picture]] = field(default=tuple)
     missing: tuple[str, ...] = ()
+    future: tuple[FutureWork, ...] = ()

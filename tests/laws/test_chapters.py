@@ -112,6 +112,14 @@ def test_every_figure_of_the_paper_is_drawn_or_said_to_be_missing(quick):
 
 
 @each_chapter
+def test_future_work_names_parts_that_show_it(chapter):
+    names = {part.name for part in chapter.parts}
+    for work in chapter.future:
+        assert work.parts, work.wish
+        assert set(work.parts) <= names, work.wish
+
+
+@each_chapter
 def test_the_page_holds_every_figure_once_and_numbers_of_every_part(quick, monkeypatch):
     # Each has been drawn where its experiment is tested.
     monkeypatch.setattr(pages, "render", lambda figure: b"<svg/>")

@@ -15,7 +15,7 @@ from parapod.sims.levelling_platform.report.claims import CLAIMS
 from parapod.sims.levelling_platform.report.drawings import DRAWINGS
 from parapod.sims.levelling_platform.report.errata import ERRATA
 from parapod.sims.output.rendered import rendered
-from parapod.sims.report.chapter import Chapter, Component, Part, Picture
+from parapod.sims.report.chapter import Chapter, Component, FutureWork, Part, Picture
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
 
@@ -284,6 +284,42 @@ _MISSING = (
     "Eq. (13) is lost in print; the arm's base is fitted to the workspace's eight surfaces.",
 )
 
+_FUTURE = (
+    FutureWork(
+        "sections 7 and 8",
+        "an outer loop that feeds back the inertial sensor, against errors of the kinematics",
+        "The outer loop brings roll and pitch of legs as built within the sensor's own error.",
+        ("track-posture",),
+    ),
+    FutureWork(
+        "section 8",
+        "the motor in the base, which turns the arm and makes the workspace larger",
+        "The turntable's workspace is computed, its drive moves the arm in every job, and the "
+        "stability monitor counts it.",
+        ("turntable", "inspect"),
+    ),
+    FutureWork(
+        "section 8",
+        "the arm's flexibility in the definition of the workspace",
+        "The tip's place counts the sag of the rod in closed form, 52 mm when it is horizontal, "
+        "and the inverse kinematics makes it good.",
+        ("inspect",),
+    ),
+    FutureWork(
+        "section 7",
+        "interaction of manipulator and platform",
+        "The wrench of the moving, bending arm acts on platform, legs and feet; shapers, and the "
+        "legs by themselves, end its vibration, and the legs' voltages tell its frequency.",
+        ("arm-vibration", "identify-arm", "slip"),
+    ),
+    FutureWork(
+        "sections 1 and 8",
+        "the third task: the legs help in the positioning of the tip",
+        "Platform, turntable and arm bring the tip to points as one chain, within millimetres.",
+        ("inspect",),
+    ),
+)
+
 CHAPTER = Chapter(
     title="The levelling platform",
     paper=(
@@ -305,4 +341,5 @@ CHAPTER = Chapter(
     drawings=DRAWINGS,
     pictures=pictures,
     missing=_MISSING,
+    future=_FUTURE,
 )

@@ -18,6 +18,7 @@ from parapod.sims.report.chapter import (
     Claim,
     Component,
     Erratum,
+    FutureWork,
     Part,
     Picture,
     Relation,
@@ -48,6 +49,7 @@ CHAPTER = Chapter(
     drawings=(Figure("d", "D", "A drawing.", lambda canvas: None),),
     pictures=picture,
     missing=("The photograph.",),
+    future=(FutureWork("section 9", "a second swing", "It swings twice.", ("swing",)),),
 )
 
 
@@ -90,6 +92,12 @@ def page(pendula, monkeypatch):
         return run, make_page([run], quick, "2020-02-02")
 
     return make
+
+
+def test_what_the_paper_left_to_future_work_is_told_with_what_shows_it(page):
+    _, text = page()
+    assert "What the paper left to future work" in text
+    assert re.search(r"section 9</td>.*a second swing.*It swings twice.*<code>swing</code>", text)
 
 
 def test_the_page_is_well_formed_and_needs_nothing_else(page):
