@@ -56,8 +56,8 @@ class PointScenario(Schema):
 
     Attributes:
         place_mm: place in the world: from the middle of the feet, x forward, z up [mm].
-        view: direction along the tip's z axis, in the world; null: any. An arm that is not free
-            to turn its tip, as the drawn one is not, has one direction for a point.
+        view: direction along the tip's z axis, in the world [-]; null: any. An arm that is not
+            free to turn its tip, as the drawn one is not, has one direction for a point.
     """
 
     place_mm: list[float] = quantity([0.0] * 3, -1e5, 1e5, length=3)
@@ -140,13 +140,12 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
 
     machine = PLATFORM
     schema = InspectScenario
-    takes_controller = False
     signals = (
         *("truth.tip_pose", "truth.tip_deflection", "truth.extension", "truth.posture"),
         *("tip_command", "tip_goal", "tip_estimated", "tip_arrived", "points_done"),
         *("arm.position_command", "stability_margin"),
     )
-    takes = "a minute"
+    takes = "60 s"
     advice = (
         "Move the tip with the sliders in the browser: arm and turntable go to the red point as "
         "far as they can, and the legs do the rest."
@@ -228,7 +227,7 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         """Distances from the points, vibration, time and stroke left."""
         count = len(scenario.inspection.points)
         stays = stays_of(run)
-        meaning = "points at which the tip has not stayed"
+        meaning = "number of points at which the tip has not stayed"
         yield Metric("points_left", count - len(stays), "", 0.0, meaning=meaning)
         undefined = "" if stays else "the tip stayed at no point"
         tip = run["truth.tip_pose"][:, 4:]

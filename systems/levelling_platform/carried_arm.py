@@ -41,7 +41,7 @@ from scipy.stats import qmc  # type: ignore[import-untyped]
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.serial_arm import LinkPose, SerialArm, rotated, turned_back
 from parapod.systems.core.batching import of_width
-from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sin_cos, sqrt
+from parapod.systems.core.elementwise import Elementwise, nan_without_warning, sqrt
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.triples import Vector3, cross, dot, plus, scaled
 from parapod.systems.core.vectors import Array
@@ -57,7 +57,12 @@ from parapod.systems.levelling_platform.leg import (
     footprint,
     pose_on_feet,
 )
-from parapod.systems.levelling_platform.plane import normal_of, to_platform, to_world
+from parapod.systems.levelling_platform.plane import (
+    about_vertical,
+    normal_of,
+    to_platform,
+    to_world,
+)
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
 from parapod.systems.levelling_platform.tip import TipSolution, UnreachableTip
 from parapod.systems.levelling_platform.zero_moment_point import (
@@ -267,8 +272,8 @@ class CarriedArm:
         )
         centre = plus(on_feet.along, scaled(normal, height))
         place, axis = self._on_platform(joints, roll, pitch)
-        tip = _turned(plus(centre, to_world(place, roll, pitch)), on_feet.yaw)
-        view = _turned(to_world(axis, roll, pitch), on_feet.yaw)
+        tip = about_vertical(plus(centre, to_world(place, roll, pitch)), on_feet.yaw)
+        view = about_vertical(to_world(axis, roll, pitch), on_feet.yaw)
         if is_single:
             return np.array([*tip, *view]), np.array(extension)
         numbers = np.broadcast_arrays(*tip, *view)
@@ -509,13 +514,6 @@ def _targets(point: ArrayLike, view: ArrayLike | None) -> Array:
 
 def _rows(solution: TipSolution, which: Any) -> TipSolution:
     return TipSolution(*(part[which] for part in solution))
-
-
-def _turned(vector: Vector3, yaw: Elementwise) -> Vector3:
-    """A vector turned about the vertical."""
-    sine, cosine = sin_cos(yaw)
-    x, y, z = vector
-    return cosine * x - sine * y, sine * x + cosine * y, z
 
 
 def _third(pose: LinkPose) -> Vector3:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core import quaternions
-from parapod.systems.core.elementwise import sin_cos
 from parapod.systems.core.ports import read
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import plus, scaled
@@ -21,7 +20,7 @@ from parapod.systems.levelling_platform.inclined_ground import (
     OnInclinedGround,
 )
 from parapod.systems.levelling_platform.leg import Point, footprint, pose_on_feet
-from parapod.systems.levelling_platform.plane import normal_of
+from parapod.systems.levelling_platform.plane import about_vertical, normal_of
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
     Load,
@@ -139,12 +138,9 @@ class KinematicPlatform(OnInclinedGround):
         on_feet = pose_on_feet(
             self._legs, extension, (roll, pitch), normal, self._footprint(ground)
         )
-        x, y, z = plus(on_feet.along, scaled(normal, height))
-        sine, cosine = sin_cos(on_feet.yaw)
+        place = about_vertical(plus(on_feet.along, scaled(normal, height)), on_feet.yaw)
         quaternion = quaternions.of_angles(roll, pitch, on_feet.yaw)
-        output.SetFromVector(
-            np.array([*quaternion, cosine * x - sine * y, sine * x + cosine * y, z])
-        )
+        output.SetFromVector(np.array([*quaternion, *place]))
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero

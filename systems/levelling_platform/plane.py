@@ -123,6 +123,13 @@ def to_world(g: Vector3, roll: Elementwise, pitch: Elementwise) -> Vector3:
     )
 
 
+def about_vertical(vector: Vector3, yaw: Elementwise) -> Vector3:
+    """A vector of the world turned about its vertical."""
+    sine, cosine = sin_cos(yaw)
+    x, y, z = vector
+    return cosine * x - sine * y, sine * x + cosine * y, z
+
+
 def attitude_seeing(g: Vector3, n: Vector3) -> tuple[Elementwise, Elementwise]:
     """Roll and pitch of the platform that sees the world's vector n as g."""
     roll = atan2(g[1], g[2]) - asin(quotient(n[1], sqrt(g[1] * g[1] + g[2] * g[2])))

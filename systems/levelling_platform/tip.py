@@ -1,7 +1,8 @@
 """Inverse kinematics of the arm's tip: height of the platform, turntable and arm for a point.
 
 Points are in the world W: its origin is in the middle of the four feet on the ground's plane, its
-z axis is vertical, and x is the platform's forward direction. The tip of a rod on a turntable is
+z axis is vertical, and x is where the platform looks with legs of one length. The tip of a rod on
+a turntable is
 
     p = F(h) + R (b + (L - s) u + sag),
 
@@ -36,8 +37,18 @@ from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
 from parapod.systems.core.vectors import Array
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range
-from parapod.systems.levelling_platform.leg import extension_on_plane, foot_to_centre
-from parapod.systems.levelling_platform.plane import normal_of, to_platform, to_world
+from parapod.systems.levelling_platform.leg import (
+    Point,
+    extension_on_plane,
+    footprint,
+    pose_on_feet,
+)
+from parapod.systems.levelling_platform.plane import (
+    about_vertical,
+    normal_of,
+    to_platform,
+    to_world,
+)
 
 # Degree of the polynomials by which the platform's centre moves with its height: exact to
 # nanometres over the stroke.
@@ -148,10 +159,10 @@ class TipReach:
             joints: turntable and arm (..., 2) [rad].
         """
         turn, swing = np.moveaxis(of_width(joints, 2, "joints"), -1, 0)
-        centre, _ = self._centre(np.asarray(height, dtype=float))
+        centre, _, yaw = self._centre(np.asarray(height, dtype=float))
         angles = (np.cos(turn), np.sin(turn)), (np.cos(swing), np.sin(swing))
         base = plus(self.arm.joints[0].place, self._from_base(*angles))
-        return _join(plus(centre, to_world(base, *self.attitude)))
+        return _join(about_vertical(plus(centre, to_world(base, *self.attitude)), yaw))
 
     @nan_without_warning
     def solve(self, point: ArrayLike) -> TipSolution:
@@ -203,30 +214,39 @@ class TipReach:
     def _normal(self) -> Vector3:
         return normal_of(*self.ground)
 
-    def _centre(self, height: Elementwise) -> tuple[Vector3, list[Elementwise]]:
-        """Platform's centre in the world, and extensions of the legs."""
+    @cached_property
+    def _footprint(self) -> list[Point]:
+        return footprint(self.geometry.legs, self.ground)
+
+    def _centre(self, height: Elementwise) -> tuple[Vector3, list[Elementwise], Elementwise]:
+        """Platform's centre before its feet turn it, extensions of the legs, and yaw [rad]."""
         roll, pitch = self.attitude
         g = to_platform(self._normal, roll, pitch)
-        above = height - self.geometry.foot_radius
-        extension = [extension_on_plane(leg, g, above) for leg in self.geometry.legs]
-        places = [
-            foot_to_centre(leg, d) for leg, d in zip(self.geometry.legs, extension, strict=True)
-        ]
-        x, y, z = (0.25 * sum(parts) for parts in zip(*places, strict=True))
-        middle = to_world((x, y, z), roll, pitch)
-        n = self._normal
-        along = minus(middle, scaled(n, dot(n, middle)))
-        return plus(along, scaled(n, height)), extension
+        above, legs = height - self.geometry.foot_radius, self.geometry.legs
+        extension = [extension_on_plane(leg, g, above) for leg in legs]
+        on_feet = pose_on_feet(legs, extension, self.attitude, self._normal, self._footprint)
+        return plus(on_feet.along, scaled(self._normal, height)), extension, on_feet.yaw
+
+    @cached_property
+    def _yaw(self) -> float:
+        """Yaw in the middle of the heights, from which it departs by less than 1e-6 rad."""
+        return float(self._centre(0.5 * sum(self.heights))[2])
 
     @cached_property
     def _base(self) -> Array:
-        """Coefficients (_DEGREE + 1, 3) of the joints' place by the height from the middle [m]."""
+        """Coefficients (_DEGREE + 1, 4) by the height from the middle [m].
+
+        Of the joints' place in a world that has been turned by `_yaw` [m], and of what is left of
+        the yaw there [rad].
+        """
         low, high = self.heights
         nodes = np.cos(math.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
-        centre, _ = self._centre(middle + half * nodes)
+        centre, _, yaw = self._centre(middle + half * nodes)
         base = plus(centre, to_world(self.arm.joints[0].place, *self.attitude))
-        coefficients = np.linalg.solve(np.vander(nodes, increasing=True), _join(base))
+        more = yaw - self._yaw
+        values = np.column_stack([*about_vertical(base, more), more])
+        coefficients = np.linalg.solve(np.vander(nodes, increasing=True), values)
         powers: Array = coefficients / half ** np.arange(_DEGREE + 1)[:, np.newaxis]
         return powers
 
@@ -252,7 +272,7 @@ class TipReach:
 
     def _solve(self, points: Array, is_bound: bool = False) -> TipSolution:
         """`solve` for points (n, 3); bound, heights stay in stroke and the arm points there."""
-        x, y, z = points.T
+        x, y, z = about_vertical(tuple(points.T), -self._yaw)
         aim: Vector3 = (x, y, z)
         shift: Elementwise = np.zeros(len(points))
         aims, last = _AIMS if self.rod is not None else 1, (aim, aim)
@@ -261,13 +281,16 @@ class TipReach:
             shift = self._shift_to(aim, shift, is_first=i == 0)
             shift = np.clip(shift, -widest, widest)
             place = self._base_at(shift)
-            v_x, v_y, v_z = to_platform(minus(aim, place), *self.attitude)
+            more = self._more_at(shift)
+            along = _turned_back(minus(aim, place), more)
+            v_x, v_y, v_z = to_platform(along, *self.attitude)
             out_squared = v_x * v_x + v_y * v_y
             out, whole = np.sqrt(out_squared), np.sqrt(out_squared + v_z * v_z)
             turn = np.divide(v_x, out, out=np.ones_like(out), where=out > 0.0), v_y / (out + _TINY)
             swing = v_z / whole, out / whole
             if i + 1 < aims:
-                tip = plus(place, to_world(self._from_base(turn, swing), *self.attitude))
+                along = to_world(self._from_base(turn, swing), *self.attitude)
+                tip = plus(place, _turned_back(along, -more))
                 missed = minus((x, y, z), tip)
                 if is_bound:  # what is too far away along the rod cannot be made good
                     direction = minus((x, y, z), place)
@@ -282,9 +305,11 @@ class TipReach:
                 last, aim = (missed, plus(aim, missed)), following
         roll, pitch = self.attitude
         height = sum(self.heights) * 0.5 + shift
-        centre, extension = self._centre(height)
+        centre, extension, yaw = self._centre(height)
+        more = yaw - self._yaw
         base = plus(self.arm.joints[0].place, self._from_base(turn, swing))
-        missed = minus((x, y, z), plus(centre, to_world(base, roll, pitch)))
+        tip = about_vertical(plus(centre, to_world(base, roll, pitch)), more)
+        missed = minus((x, y, z), tip)
         error = np.sqrt(dot(missed, missed))
         d = np.stack(extension, axis=-1)
         left = np.minimum(d - self.geometry.extension_min, self.geometry.extension_max - d)
@@ -298,18 +323,19 @@ class TipReach:
 
     def _base_at(self, shift: Elementwise) -> Vector3:
         """Place of the joints in the world for heights from the middle."""
-        *lower, last = self._base.tolist()
-        x, y, z = last
-        for a, b, c in reversed(lower):
-            x, y, z = x * shift + a, y * shift + b, z * shift + c
+        x, y, z = (_polynomial(column, shift) for column in self._base.T[:3].tolist())
         return x, y, z
+
+    def _more_at(self, shift: Elementwise) -> Elementwise:
+        """Yaw beyond that in the middle of the heights."""
+        return _polynomial(self._base[:, 3].tolist(), shift)
 
     def _shift_to(self, aim: Vector3, start: Elementwise, is_first: bool) -> Elementwise:
         """Height from the middle at which the rod's length reaches a point.
 
         Of the two roots the one that is nearer to the middle of the legs' stroke.
         """
-        rise, shift = self._base[1].tolist(), start
+        rise, shift = self._base[1, :3].tolist(), start
         if is_first:
             # A quadratic, for the joints move nearly along a line.
             v = minus(aim, self._base_at(shift))
@@ -321,6 +347,19 @@ class TipReach:
             v = minus(aim, self._base_at(shift))
             shift = shift + 0.5 * (dot(v, v) - self._length**2) / dot(v, rise)
         return shift
+
+
+def _polynomial(coefficients: list[float], x: Elementwise) -> Elementwise:
+    *lower, value = coefficients
+    for coefficient in reversed(lower):
+        value = value * x + coefficient
+    return value
+
+
+def _turned_back(vector: Vector3, yaw: Elementwise) -> Vector3:
+    """A vector turned by minus a yaw so small that its square does not count."""
+    x, y, z = vector
+    return x + yaw * y, y - yaw * x, z
 
 
 def _join(parts: Vector3) -> Array:

@@ -34,6 +34,11 @@ from parapod.diagrams.levelling_platform.controller import make_supervised_contr
 def make(scenario, machine):
     return make_supervised_controller(scenario)
 """
+# That of the tip's points takes these.
+POINTING = SUPERVISED.replace(".controller import", ".pointing import").replace(
+    "make_supervised_controller", "make_pointing_controller"
+)
+OTHERS = {"deploy": SUPERVISED, "inspect": POINTING}
 # Ports, and nothing behind them.
 PORTS = """
 import numpy as np
@@ -78,7 +83,7 @@ def values(result):
 
 @pytest.mark.parametrize("entry", RUN, ids=lambda entry: entry.name)
 def test_the_machines_controller_in_a_file_changes_no_metric(entry, named):
-    own = named(SUPERVISED if entry.name == "deploy" else f"make = {USUAL}")
+    own = named(OTHERS.get(entry.name, f"make = {USUAL}"))
     usual, again = (
         entry.load().execute(scenario_of(entry, *BRIEF[entry.name], *more), quiet())
         for more in ((), (f"{KEY}={own}",))
