@@ -83,15 +83,14 @@ def test_a_tip_looks_where_it_should():
         assert solution.error < 1e-9
 
 
-def test_legs_of_one_length_have_no_heading_and_agree_with_the_rod_on_a_turntable():
-    """The closed form of `TipReach` knows nothing of feet that slip; here none do."""
-    middle = carried().postures[-1]
-    attitude = float(middle[0]), float(middle[1])
-    for rod in (None, FlexibleRod()):
-        closed = TipReach(GEOMETRY, PAPER_ARM, rod, TILTED, attitude)
-        joints = np.random.default_rng(3).uniform(-1.0, 1.0, (50, 2))
-        ours = carried(rod=rod).tip_position(middle, joints)
-        np.testing.assert_allclose(ours, closed.tip_position(middle[2], joints), atol=1e-9)
+@pytest.mark.parametrize("which", [0, 1], ids=["level", "legs in mid-stroke"])
+@pytest.mark.parametrize("rod", [None, FlexibleRod()], ids=["rigid", "flexible"])
+def test_the_chain_of_a_rod_on_a_turntable_is_its_closed_form(which, rod):
+    roll, pitch, height = carried().postures[which].tolist()
+    closed = TipReach(GEOMETRY, PAPER_ARM, rod, TILTED, (roll, pitch))
+    joints = np.random.default_rng(3).uniform(-1.0, 1.0, (50, 2))
+    ours = carried(rod=rod).tip_position((roll, pitch, height), joints)
+    np.testing.assert_allclose(ours, closed.tip_position(height, joints), atol=1e-9)
 
 
 def test_the_legs_do_only_what_the_arm_cannot():
