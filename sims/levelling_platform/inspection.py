@@ -116,7 +116,7 @@ class InspectScenario(LevellingScenario):
 
     @property
     def has_view(self) -> bool:
-        """Whether points have directions of view."""
+        """Tell whether points have directions of view."""
         return any(point.view is not None for point in self.inspection.points)
 
 
@@ -162,6 +162,12 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
             raise ScenarioError(f"{key} must have 1 element or more", key)
         if len({point.view is None for point in points}) > 1:
             raise ScenarioError(f"{key} must all have a view, or none of them", key)
+        for i, point in enumerate(points):
+            if point.view is not None and not any(point.view):
+                key = f"inspection.points.{i}.view"
+                raise ScenarioError(
+                    f"{key} = {point.view} has no direction: not all may be 0", key
+                )
 
     def duration(self, scenario: InspectScenario) -> float:
         """End of a run that does not come to the last point [s]."""
@@ -229,18 +235,17 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         stays = stays_of(run)
         meaning = "number of points at which the tip has not stayed"
         yield Metric("points_left", count - len(stays), "", 0.0, meaning=meaning)
-        undefined = "" if stays else "the tip stayed at no point"
-        tip = run["truth.tip_pose"][:, 4:]
-        errors = [np.linalg.norm(tip[s.counts].mean(axis=0) - s.point) for s in stays]
+        undefined = "the tip stayed at no point"
+        tip, deflection = run["truth.tip_pose"][:, 4:], run["truth.tip_deflection"]
+        errors = [float(np.linalg.norm(tip[s.counts].mean(axis=0) - s.point)) for s in stays]
         yield Metric(
             "tip_error_mm",
-            1e3 * float(np.max(errors, initial=-math.inf)) if stays else math.nan,
+            1e3 * max(errors, default=math.nan),
             "mm",
             tip_bound(scenario),
             meaning="largest distance of the tip from its point, at rest",
             undefined=undefined,
         )
-        deflection = run["truth.tip_deflection"]
         swings = [0.5 * float(np.ptp(deflection[s.counts], axis=0).max()) for s in stays]
         yield Metric(
             "residual_mm",
@@ -253,7 +258,7 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         times = [float(run.time[s.counts][-1]) - s.begin for s in stays]
         yield Metric(
             "time_per_point_s",
-            float(np.mean(times)) if times else math.nan,
+            sum(times) / len(times) if times else math.nan,
             "s",
             meaning="time from one point to the end of the stay at the next, on average",
             undefined=undefined,
@@ -419,12 +424,9 @@ def _draw_way(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
 def _draw_error(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
     geometry, goal = scenario.machine.geometry, run["tip_goal"]
     upper, lower = canvas.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    lines: dict[str, Callable[[], NDArray[np.float64]]] = {
-        "true": lambda: run["truth.tip_pose"][:, 4:],
-        "as measured": lambda: run["tip_estimated"],
-    }
+    lines = {"true": run["truth.tip_pose"][:, 4:], "as measured": run["tip_estimated"]}
     for label, tip in lines.items():
-        distance = 1e3 * np.linalg.norm(tip() - goal, axis=1)
+        distance = 1e3 * np.linalg.norm(tip - goal, axis=1)
         upper.semilogy(run.time, distance, label=label, linewidth=1.2)
     for stay in stays_of(run):
         times = run.time[stay.counts]
@@ -439,5 +441,6 @@ def _draw_error(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
     for end in (geometry.extension_min, geometry.extension_max):
         lower.axhline(1e3 * end, color="0.5", linewidth=0.8, linestyle="--")
     lower.set(ylabel="extension [mm]", xlabel="time [s]")
-    first = float(run.time[np.flatnonzero(np.isfinite(goal[:, 0]))[0]])
-    lower.set_xlim(first, float(run.time[-1]))
+    times = run.time[np.isfinite(goal[:, 0])]
+    if times.size:
+        lower.set_xlim(times[0], run.time[-1])

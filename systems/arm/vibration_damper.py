@@ -48,7 +48,7 @@ class VibrationDamper(LeafSystem):
     While a feedforward moves the base the damper observes only: what is planned is not to be
     damped. It ceases and sets in over a few samples.
 
-    There is no sensor on the rod: what bends it but the motion of its clamp is not observed.
+    The rod has no sensor: only what the clamp does to it is observed, a push at its tip is not.
 
     State: discrete, displacement and rates (4); y and y' in both planes (4) [m, m/s]; places (6)
     and u (2) at the last three samples [m], whether they are known (1), and the share of the

@@ -13,8 +13,8 @@ is found by Newton's method along the nearest solution of the linearised conditi
     x' = x_0 + V J^T (J V J^T)^-1 (target - f(x) + J (x - x_0)),
 
 with the inverse V of that sum's matrix and the Jacobian J (Siciliano and others, Robotics, 2009,
-section 3.5; for weights V). It is told to a serial arm of any joints, sagging or rigid, and what
-it finds is proved by the forward kinematics, whatever it did: `TipSolution.error`.
+section 3.5). It serves a serial arm of any joints, sagging or rigid, and what it finds is proved
+by the forward kinematics: `TipSolution.error`.
 
 It starts from where the arm is, then from places all over its joints' ranges, on a level platform,
 and, where that leaves less than a tenth of the stroke, on one whose legs are all in the middle of
@@ -64,7 +64,7 @@ from parapod.systems.levelling_platform.plane import (
     to_world,
 )
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
-from parapod.systems.levelling_platform.tip import TipSolution, UnreachableTip
+from parapod.systems.levelling_platform.tip import TipSolution
 from parapod.systems.levelling_platform.zero_moment_point import (
     ArmMotion,
     Footing,
@@ -88,10 +88,30 @@ _SAMPLES = 1024
 _RESERVE, _ALIKE = 0.1, 0.7
 # Places along each link that must be clear of base and ground.
 _ALONG = np.linspace(0.0, 1.0, 9)[1:]
-# Direction of view that counts as reached: the sine of the angle left [-].
+# Numbers of a point with a direction of view.
+_POINT_AND_VIEW = 6
+# Largest distance of unit vectors of a view that counts as reached [-].
 _SEEN = 1e-6
-# Points of the search for the nearest point, and what it counts as an end [m^2].
+# Most steps of the search for the nearest point, and change of its square at which it ends.
 _SEARCH = {"maxiter": 200, "ftol": 1e-16}
+
+
+class UnreachableTip(ParapodError):
+    """A point that the arm's tip does not reach.
+
+    Attributes:
+        point: the point (3) [m].
+        nearest: the nearest point that it reaches (3) [m].
+    """
+
+    def __init__(self, point: Array, nearest: Array):
+        self.point, self.nearest = point, nearest
+        there, here = (", ".join(f"{1e3 * x:.1f}" for x in place) for place in (point, nearest))
+        away = 1e3 * float(np.linalg.norm(point - nearest))
+        super().__init__(
+            f"the tip does not reach ({there}) mm; the nearest point that it reaches is ({here}) "
+            f"mm, {away:.1f} mm away"
+        )
 
 
 class BarredTip(ParapodError):
@@ -193,16 +213,17 @@ class CarriedArm:
         chain = self._chain(posture, joints)
         return self._derivative(chain[np.newaxis], 3)[1][0, :, :3]
 
-    def solve(self, point: ArrayLike, joints: ArrayLike, view: ArrayLike | None = None) -> Any:
+    def solve(
+        self, point: ArrayLike, joints: ArrayLike, view: ArrayLike | None = None
+    ) -> TipSolution:
         """Postures and joints that bring the tip to points, by Newton's method from one start.
+
+        What misses its point says so.
 
         Args:
             point: points (..., 3) in the world [m].
             joints: positions (n) at which the arm is, and from which its ways count [rad or m].
             view: directions of view (..., 3), unit vectors in the world; None: any.
-
-        Returns:
-            `TipSolution`; what misses its point says so.
         """
         targets = _targets(point, view)
         flat = targets.reshape(-1, targets.shape[-1])
@@ -324,7 +345,9 @@ class CarriedArm:
         """Smallest and largest chain: joints by their limits, postures by what legs can be."""
         stroke = self.geometry.extension_max, self.geometry.extension_min
         extension = np.tile(np.array([stroke]).T, LEG_COUNT)
-        (_, _, low), (_, _, high) = forward_kinematics(self.geometry, extension, self.ground)
+        (_, _, low), (_, _, high) = forward_kinematics(
+            self.geometry, extension, self.ground, foot_offsets=self.foot_offsets
+        )
         joints, turn = self.arm.joints, _STEEPEST
         lower = [-turn, -turn, low, *(joint.lower for joint in joints)]
         upper = [turn, turn, high, *(joint.upper for joint in joints)]
@@ -415,7 +438,7 @@ class CarriedArm:
 
     def _is_there(self, solutions: TipSolution, target: Array) -> NDArray[np.bool_]:
         is_there = solutions.is_reached
-        if target.shape[-1] == 6:
+        if target.shape[-1] == _POINT_AND_VIEW:
             view = self.view(solutions.posture, solutions.joints)
             is_there &= np.linalg.norm(view - target[3:], axis=-1) < _SEEN
         return is_there
@@ -428,12 +451,17 @@ class CarriedArm:
             BarredTip: the others.
         """
         place, is_there = target[:3], self._is_there(solutions, target)
+        where = ", ".join(f"{1e3 * x:.1f}" for x in place)
         if not is_there.any():
             best = int(np.argmin(solutions.error))
             nearest = self.tip_position(solutions.posture[best], solutions.joints[best])
+            if target.shape[-1] == _POINT_AND_VIEW:
+                self.reach(place)
+                raise BarredTip(
+                    f"the tip reaches ({where}) mm, but cannot look along its view there"
+                )
             raise UnreachableTip(place, nearest)
         there = _rows(solutions, is_there)
-        where = ", ".join(f"{1e3 * x:.1f}" for x in place)
         if not self._is_clear(there).any():
             raise BarredTip(
                 f"the tip reaches ({where}) mm only with the arm in the platform's base or below "

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -12,12 +13,11 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
+from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
 from parapod.systems.levelling_platform.plane import normal_of, to_platform
-from parapod.systems.levelling_platform.tip import UnreachableTip
 
 # Numbers of a point, and of a point with a direction of view.
 _POINT, _POINT_AND_VIEW = 3, 6
@@ -111,22 +111,19 @@ class TipFeedforward(LeafSystem):
         carried = _on(self._carried, ground, offsets)
         joints = context.get_discrete_state(self._joints).CopyToVector()
         point, view = np.array(command[:_POINT]), command[_POINT:] or None
-        is_refused = False
+        reach, refusal = None, None
         try:
             reach = carried.reach(point, joints, view)
         except (UnreachableTip, BarredTip) as error:
             if self._on_unreachable == "raise":
                 raise
-            is_refused = True
-            reach = None
-            if isinstance(error, UnreachableTip):
-                point = error.nearest
-                try:
-                    reach = carried.reach(point, joints)
-                except (UnreachableTip, BarredTip):
-                    reach = None
+            refusal = error
+        if isinstance(refusal, UnreachableTip):
+            point = refusal.nearest
+            with suppress(UnreachableTip, BarredTip):
+                reach = carried.reach(point, joints)
         state.set_value(self._answered, asked_for)
-        state.set_value(self._refused, np.array([float(is_refused)]))
+        state.set_value(self._refused, np.array([float(refusal is not None)]))
         if reach is not None:
             state.set_value(self._goal, point)
             state.set_value(self._posture, reach.solution.posture)
@@ -300,7 +297,7 @@ class TipLoop(LeafSystem):
         state.set_value(self._correction, correction)
 
     def _is_at_rest(self, context: Context) -> bool:
-        """Whether the reference has come to its command, and the arm to its request."""
+        """Tell whether the reference has come to its command, and the arm to its request."""
         desired = read(self._ports["posture_desired_state"], context)
         command = read(self._ports["posture_command"], context)
         request = read(self._ports["arm_request"], context)

@@ -12,11 +12,14 @@ At an attitude, points that the tip reaches are a shell: spheres of radius L abo
 the legs set. So the arm points, and the legs bring the rod's length to the point: for a rigid rod
 in closed form, as |p - F(h) - R b| = L has one root within the legs' stroke, and turntable and arm
 follow from the direction. The sag, some hundredths of the length, is compensated by aiming beside
-the point by what the tip misses it; every step leaves about a thirtieth of the error.
+the point by what the tip misses it; every step leaves about a thirtieth of the error. Beyond
+83 deg of lean that does not converge, as the height does little there: such points count as not
+reached.
 
 What is left is in the answer: `TipSolution.error` is the distance of the tip from the point by
 the exact forward kinematics, whatever has been solved for. The attitude is free: two angles with
-which stroke and stability may be bought, see `TipReach.with_attitude`.
+which stroke and stability may be bought, see `TipReach.with_attitude`. `CarriedArm.reach` chooses
+them, for any arm, and refuses what cannot be; this is for points by the million.
 """
 
 import math
@@ -31,7 +34,6 @@ from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.elementwise import Elementwise, nan_without_warning
-from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
 from parapod.systems.core.vectors import Array
@@ -68,24 +70,6 @@ _ROWS = 16_384
 
 # Cosine and sine of an angle.
 type Axis = tuple[Elementwise, Elementwise]
-
-
-class UnreachableTip(ParapodError):
-    """A point that the arm's tip does not reach.
-
-    Attributes:
-        point: the point (3) [m].
-        nearest: the nearest point that it reaches at the attitude (3) [m].
-    """
-
-    def __init__(self, point: Array, nearest: Array):
-        self.point, self.nearest = point, nearest
-        there, here = (", ".join(f"{1e3 * x:.1f}" for x in place) for place in (point, nearest))
-        away = 1e3 * float(np.linalg.norm(point - nearest))
-        super().__init__(
-            f"the tip does not reach ({there}) mm; the nearest point that it reaches is ({here}) "
-            f"mm, {away:.1f} mm away"
-        )
 
 
 class TipSolution(NamedTuple):
@@ -178,34 +162,6 @@ class TipReach:
         joined = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return TipSolution(*(part.reshape((*shape, *part.shape[1:])) for part in joined))
 
-    def reach(self, point: ArrayLike) -> TipSolution:
-        """`solve`, for a point (3) that must be reached [m].
-
-        Raises:
-            UnreachableTip: the tip does not reach it; has the nearest point that it does.
-        """
-        solution = self.solve(point)
-        if not bool(solution.is_reached):
-            there = np.asarray(point, dtype=float)
-            raise UnreachableTip(there, self.nearest(there))
-        return solution
-
-    @nan_without_warning
-    def nearest(self, point: ArrayLike) -> Array:
-        """Nearest points (..., 3) that the tip reaches at the attitude [m].
-
-        Exact for a rigid rod that is free to turn; to some millimetres for one that sags.
-
-        Args:
-            point: points (..., 3) in the world [m].
-        """
-        points = np.asarray(of_width(point, 3, "point"), dtype=float)
-        solution = self._solve(points.reshape(-1, 3), is_bound=True)
-        lower, upper = self.arm.joints[1].lower, self.arm.joints[1].upper
-        turn, swing = np.moveaxis(solution.joints, -1, 0)
-        joints = np.stack([turn, np.clip(swing, lower, upper)], axis=-1)
-        return self.tip_position(solution.posture[..., 2], joints).reshape(points.shape)
-
     @property
     def _length(self) -> float:
         return self.arm.tip_place[2]
@@ -270,13 +226,13 @@ class TipReach:
             along * cos_s - across * sin_s,
         )
 
-    def _solve(self, points: Array, is_bound: bool = False) -> TipSolution:
-        """`solve` for points (n, 3); bound, heights stay in stroke and the arm points there."""
+    def _solve(self, points: Array) -> TipSolution:
+        """`solve` for points (n, 3)."""
         x, y, z = about_vertical(tuple(points.T), -self._yaw)
         aim: Vector3 = (x, y, z)
         shift: Elementwise = np.zeros(len(points))
         aims, last = _AIMS if self.rod is not None else 1, (aim, aim)
-        widest = (0.5 if is_bound else _BEYOND) * (self.heights[1] - self.heights[0])
+        widest = _BEYOND * (self.heights[1] - self.heights[0])
         for i in range(aims):
             shift = self._shift_to(aim, shift, is_first=i == 0)
             shift = np.clip(shift, -widest, widest)
@@ -292,12 +248,8 @@ class TipReach:
                 along = to_world(self._from_base(turn, swing), *self.attitude)
                 tip = plus(place, _turned_back(along, -more))
                 missed = minus((x, y, z), tip)
-                if is_bound:  # what is too far away along the rod cannot be made good
-                    direction = minus((x, y, z), place)
-                    by = dot(missed, direction) / dot(direction, direction)
-                    missed = minus(missed, scaled(direction, by))
                 following = plus(aim, missed)
-                if i and not is_bound:
+                if i:
                     # Anderson's acceleration by the aim before.
                     change = minus(missed, last[0])
                     share = dot(missed, change) / (dot(change, change) + _TINY)

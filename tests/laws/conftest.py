@@ -45,14 +45,13 @@ from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.input_shaper import Shaper
 from parapod.systems.arm.vibration_feedforward import LumpedRod
 from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
+from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry
 from parapod.systems.levelling_platform.inclination_loop import PostureLoopParams
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.scripts import Step, Waypoint
 from parapod.systems.levelling_platform.statics import PAPER_ARM, KinematicPlatformParams
 from parapod.systems.levelling_platform.supervisor import Command, Phase
-from parapod.systems.levelling_platform.tip import UnreachableTip
 from parapod.systems.levelling_platform.wheels import WHEEL_DRIVE, WheelGeometry
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import Job, row_of_holes

@@ -8,8 +8,9 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.levelling_platform.arms import FlexibleRod
 from parapod.sims.levelling_platform.inspection import Inspect, InspectScenario
 from parapod.sims.levelling_platform.tip_scene import TipScene
+from parapod.sims.output.figures import render
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.levelling_platform.tip import UnreachableTip
+from parapod.systems.levelling_platform.carried_arm import UnreachableTip
 
 TWO = "inspection.points=[{place_mm: [1030, 20, 2360]}, {place_mm: [930, 1620, 1430]}]"
 BRIEF = ("backend=kinematic", "job.settled_after=4", TWO)
@@ -61,6 +62,10 @@ def test_a_point_out_of_reach_is_refused(execute, place, error, words):
         (("machine.arm=!None {}",), "machine.arm"),
         (("inspection.points=[]",), "inspection.points"),
         (
+            ("inspection.points=[{place_mm: [1030, 20, 2360], view: [0, 0, 0]}]",),
+            "inspection.points.0.view",
+        ),
+        (
             (
                 "inspection.points=[{place_mm: [1030, 20, 2360]}, "
                 "{place_mm: [930, 1620, 1430], view: [0, 0, 1]}]",
@@ -73,6 +78,14 @@ def test_what_cannot_be_inspected_is_refused_before_anything_moves(execute, sett
     with pytest.raises(ScenarioError) as caught:
         execute("inspect", "backend=kinematic", "control.arm_shaper=none", *settings)
     assert caught.value.key == key
+
+
+def test_a_run_that_ends_before_the_first_point_says_so(execute):
+    found = execute("inspect", *BRIEF, "inspection.longest_s=2")
+    assert {metric.key for metric in found.broken} >= {"points_left", "tip_error_mm"}
+    assert found["points_left"] == 2
+    for figure in found.figures:
+        assert render(figure).startswith(b"<?xml")
 
 
 def test_points_and_way_are_drawn():

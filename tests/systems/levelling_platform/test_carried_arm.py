@@ -8,11 +8,11 @@ import pytest
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
-from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
+from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.statics import PAPER_ARM, KinematicPlatformParams
-from parapod.systems.levelling_platform.tip import TipReach, UnreachableTip
+from parapod.systems.levelling_platform.tip import TipReach
 
 GEOMETRY = PlatformGeometry(foot_radius=0.025)
 TILTED = math.radians(2.0), math.radians(3.0)
@@ -94,7 +94,7 @@ def test_the_chain_of_a_rod_on_a_turntable_is_its_closed_form(which, rod):
 
 
 def test_the_legs_do_only_what_the_arm_cannot():
-    """With six joints the platform stays level in the middle of its heights."""
+    """The platform under six joints stays level in the middle of its heights."""
     platform = CASES["six joints"]
     points, *_ = places(platform, np.random.default_rng(4), 4)
     for point in points:
@@ -143,6 +143,12 @@ def test_a_far_point_is_refused_with_the_nearest_one():
     assert fits.sum() > 100
     away = np.linalg.norm(platform.tip_position(posture[fits], joints[fits]) - point, axis=1)
     assert away.min() >= np.linalg.norm(nearest - point) - 1e-6
+
+
+def test_a_view_that_the_arm_does_not_have_is_refused():
+    """A rod looks along itself, wherever its point is."""
+    with pytest.raises(BarredTip, match="cannot look along its view"):
+        CASES["rigid"].reach((1.36, 0.81, 1.89), view=(0.0, 0.0, -1.0))
 
 
 def test_a_point_inside_the_machine_is_refused():

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm
+from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.pointing import TipFeedforward, TipLoop, TipScript
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams
-from parapod.systems.levelling_platform.tip import UnreachableTip
 
 GEOMETRY = PlatformGeometry()
 CARRIED = CarriedArm(GEOMETRY, KinematicPlatformParams(), margin=0.05)
