@@ -9,10 +9,9 @@ from typing import Literal
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
-from parapod.diagrams.levelling_platform.arm_damping import damping_systems
 from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import ControlScenario, LevellingScenario
-from parapod.diagrams.levelling_platform.shaping import shaping_system
+from parapod.diagrams.levelling_platform.vibration import damping_systems, shaping_system
 from parapod.diagrams.wiring import Wired, named, wired
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.core.vectors import Array

@@ -21,7 +21,7 @@ from parapod.diagrams.levelling_platform.plants import (
 from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
 from parapod.diagrams.levelling_platform.real import make_real
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.shaping import shaping_system
+from parapod.diagrams.levelling_platform.vibration import shaping_system
 from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from parapod.diagrams.levelling_platform.arm_damping import feedforward_system
 from parapod.diagrams.levelling_platform.machine import swing_to
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.shaping import arm_shaper
+from parapod.diagrams.levelling_platform.vibration import arm_shaper, feedforward_system
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.lab.runner import Runner
 from parapod.sims.levelling_platform.levelling import LevellingExperiment

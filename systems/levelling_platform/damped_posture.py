@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from parapod.systems.arm.serial_arm import SerialArm
-from parapod.systems.arm.vibration_feedforward import LumpedRod
+from parapod.systems.arm.vibration import LumpedRod
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.ports import read, read_or_zeros
 from parapod.systems.core.triples import cross, plus

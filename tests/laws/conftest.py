@@ -43,7 +43,7 @@ from parapod.systems.actuators.pi_controller import PiControllerParams
 from parapod.systems.actuators.position_drive import PositionDriveParams
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.input_shaper import Shaper
-from parapod.systems.arm.vibration_feedforward import LumpedRod
+from parapod.systems.arm.vibration import LumpedRod
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
 from parapod.systems.levelling_platform.geometry import LegDeviation, PlatformGeometry

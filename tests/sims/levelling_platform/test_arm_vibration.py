@@ -4,13 +4,12 @@ import math
 
 import pytest
 
-from parapod.diagrams.levelling_platform.arm_damping import known_rod
 from parapod.diagrams.levelling_platform.controller import (
     make_controller,
     make_supervised_controller,
 )
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.levelling_platform.shaping import arm_shaper
+from parapod.diagrams.levelling_platform.vibration import arm_shaper, known_rod
 from parapod.diagrams.wiring import inputs_of, outputs_of
 from parapod.sims.levelling_platform.arm_vibration import simulated_residual
 from parapod.systems.arm.input_shaper import Shaper

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.arm.vibration_damper import VibrationDamper
-from parapod.systems.arm.vibration_feedforward import LumpedRod
+from parapod.systems.arm.vibration import LumpedRod, VibrationDamper
 from parapod.systems.core.triples import cross, dot, plus
 from parapod.systems.levelling_platform.statics import PAPER_ARM
 

@@ -7,7 +7,7 @@ import pytest
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.rod_motion import ClampMotion, RodMotion
-from parapod.systems.arm.vibration_feedforward import (
+from parapod.systems.arm.vibration import (
     LumpedRod,
     VibrationFeedforward,
     at_once,

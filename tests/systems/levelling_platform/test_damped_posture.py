@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from parapod.systems.arm.vibration_feedforward import LumpedRod
+from parapod.systems.arm.vibration import LumpedRod
 from parapod.systems.core.triples import cross, dot, plus
 from parapod.systems.levelling_platform.damped_posture import DampedPosture
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
