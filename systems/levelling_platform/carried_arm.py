@@ -244,8 +244,14 @@ class CarriedArm:
         Raises:
             UnreachableTip: stroke and joints do not reach it; has the nearest point that they do.
             BarredTip: the platform would not stand firmly enough, or the arm be in its base or
-                below the ground.
+                below the ground; or it cannot stand on such ground at all.
         """
+        if not self._stands:
+            roll, pitch = self.ground
+            raise BarredTip(
+                f"the platform does not stand on ground of roll {math.degrees(roll):.6g} deg and "
+                f"pitch {math.degrees(pitch):.6g} deg, its feet as high as they are"
+            )
         place = np.asarray(point, dtype=float)
         target = _targets(place, view)
         at = np.zeros(self.arm.count) if joints is None else np.asarray(joints, dtype=float)
@@ -352,6 +358,18 @@ class CarriedArm:
         lower = [-turn, -turn, low, *(joint.lower for joint in joints)]
         upper = [turn, turn, high, *(joint.upper for joint in joints)]
         return np.array(lower), np.array(upper)
+
+    @property
+    def _stands(self) -> bool:
+        """Whether one of the postures is one on such ground, and none too steep."""
+        lower, upper = self._limits
+        joints = np.zeros(self.arm.count)
+        stroke = self.geometry.extension_min, self.geometry.extension_max
+        is_flat = np.abs(self.postures[:, :2]).max(axis=-1) <= _STEEPEST
+        _, extension = self._forward(self._chain(self.postures, joints))
+        # Twice the stroke: feet at several heights need other postures than these.
+        is_one = (np.abs(extension - np.mean(stroke)) <= np.ptp(stroke)).all(axis=-1)
+        return bool((lower <= upper).all() and (is_flat & is_one).any())
 
     def _newton(self, target: Array, start: Array) -> Array:
         """Chains (m, 3 + n) that meet targets (m, 3 or 6), each nearest to its start."""

@@ -163,6 +163,13 @@ def test_a_platform_that_would_nearly_tip_is_refused():
         platform.reach((1.36, 0.81, 1.89))
 
 
+@pytest.mark.parametrize("ground", [(1e6, 1e6), (1e308, -1e308), (2.5, 0.0)])
+def test_ground_on_which_no_platform_stands_is_refused(ground):
+    carried = CarriedArm(GEOMETRY, KinematicPlatformParams(), ground=ground)
+    with np.errstate(all="ignore"), pytest.raises(BarredTip, match="does not stand on ground"):
+        carried.reach([1.0, 0.0, 2.0])
+
+
 def test_the_extent_holds_every_place():
     platform = CASES["rigid"]
     low, high = platform.extent
