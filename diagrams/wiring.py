@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
     System,
 )
 from pydrake.systems.primitives import (
+    Adder,
     ConstantVectorSource,
     Demultiplexer,
     MatrixGain,
@@ -206,6 +207,22 @@ def named_source(name: str, trajectory: Trajectory, derivatives: int = 0) -> Dia
     source = add(builder, TrajectorySource(trajectory, derivatives), "trajectory")
     builder.ExportOutput(source.get_output_port(), name)
     return named(name, builder.Build())
+
+
+def sum_of(builder: DiagramBuilder, ports: Sequence[OutputPort], name: str) -> OutputPort:
+    """Sum of output ports of one size; of one port, that port.
+
+    Args:
+        builder: builder of the diagram.
+        ports: the ports, one or more.
+        name: name of what adds them.
+    """
+    if len(ports) == 1:
+        return ports[0]
+    total = add(builder, Adder(len(ports), ports[0].size()), name)
+    for i, port in enumerate(ports):
+        connect(builder, port, total.get_input_port(i))
+    return total.get_output_port()
 
 
 def split_states(

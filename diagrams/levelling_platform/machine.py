@@ -11,6 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.arm_admission import check_swing
 from parapod.diagrams.levelling_platform.controller import make_controller
+from parapod.diagrams.levelling_platform.disturbances import check_disturbances
 from parapod.diagrams.levelling_platform.mujoco import add_mujoco_plant
 from parapod.diagrams.levelling_platform.plants import (
     add_kinematic_plant,
@@ -20,7 +21,7 @@ from parapod.diagrams.levelling_platform.plants import (
 )
 from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
 from parapod.diagrams.levelling_platform.real import make_real
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.diagrams.levelling_platform.vibration import shaping_system
 from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
@@ -127,8 +128,15 @@ def _limits(scenario: LevellingScenario) -> Limits:
 
 
 def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
-    """Parts of a real one, and the size of faults."""
+    """Parts of a real one, and the size of faults.
+
+    Raises:
+        ScenarioError: disturbances that do not fit.
+    """
     machine = scenario.machine
+    check_disturbances(
+        scenario.disturbances, scenario.backend in SIMULATED, machine.masses.arm.count > 0
+    )
     ports = make_ports(machine.actuators.params, machine.level_heights, machine.masses.arm)
     return {"ports": ports, "real": make_real(scenario)}
 

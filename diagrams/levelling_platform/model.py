@@ -18,8 +18,11 @@ from pydrake.multibody.tree import (
     Frame,
     Joint,
     PdControllerGains,
+    PrismaticJoint,
     RevoluteJoint,
     RigidBody,
+    SpatialInertia,
+    UnitInertia,
 )
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
@@ -34,6 +37,7 @@ from parapod.diagrams.bodies import (
 )
 from parapod.diagrams.cad_models import OwnModel
 from parapod.diagrams.drawing import draw_model, publish
+from parapod.diagrams.levelling_platform.disturbances import Disturbances
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import (
@@ -78,8 +82,10 @@ _ARM_LENGTH, _ARM_DAMPING = 2.02, 0.05
 # Gains of the wheels' position servos [N m/rad, N m s/rad] (assumption).
 _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 
-# Pads of uneven ground: side by the length of a leg's long side [-], and colour.
+# Pads of uneven ground: side by the length of a leg's long side [-]; mass [kg] and drives of those
+# that move; colour.
 _PAD_SIZE = 0.3 / 0.44
+_PAD_MASS, _PAD_GAINS = 20.0, PdControllerGains(p=1e8, d=1e6)
 _PAD_COLOUR = np.array([0.45, 0.42, 0.38, 1.0])
 
 
@@ -153,6 +159,7 @@ def add_platform(
     geometry: PlatformGeometry = DRAWN,
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     structure: PlatformStructure = DRAWN_PARTS,
+    moving_ground: Disturbances = Disturbances(),
 ) -> PlatformModel:
     """Adds platform and ground to a plant that is part of a diagram, and finalizes it.
 
@@ -165,6 +172,7 @@ def add_platform(
         foot_offsets: heights under the feet above the ground's plane [m]; if any is not zero,
             each foot gets a pad to stand on.
         structure: its other parts.
+        moving_ground: disturbances that move ground; its pads are bodies with drives.
 
     Raises:
         ValueError: another `leg_model` than those.
@@ -185,13 +193,21 @@ def add_platform(
     add_arm(parser, base, structure)
     _fix_wheels(plant, axles, wheels)
     slab = add_ground(parser, structure.ground_size)
-    X_WG = ground_pose(ground, foot_offsets)
+    bottoms = np.subtract(foot_offsets, moving_ground.depths)
+    X_WG = ground_pose(ground, bottoms)
     ground_mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
     plant.WeldFrames(ground_mount, plant.GetFrameByName("ground", slab))
-    if any(foot_offsets):
-        _add_pads(plant, plant.GetBodyByName("ground", slab), geometry, foot_offsets)
+    if any(foot_offsets) or any(moving_ground.moves):
+        heights = np.subtract(foot_offsets, min(0.0, *bottoms))
+        pads = zip(geometry.drawn_legs, heights.tolist(), moving_ground.moves, strict=True)
+        middle = 0.5 * (geometry.extension_min + geometry.extension_max)
+        for i, (leg, height, is_moving) in enumerate(pads, start=1):
+            pad = plant.GetBodyByName("ground", slab)
+            if is_moving:
+                pad = _add_moving_pad(plant, pad, f"pad_{i}")
+            _draw_pad(plant, pad, f"pad_{i}", leg, middle, height)
     plant.Finalize()
-    return PlatformModel(plant, ground_mount, geometry)
+    return PlatformModel(plant, ground_mount, geometry, moving_ground.depths)
 
 
 def add_base(parser: Parser, structure: PlatformStructure) -> Frame:
@@ -498,26 +514,43 @@ def _shared_masses(leg: LegGeometry, structure: PlatformStructure) -> dict[str, 
     }
 
 
-def _add_pads(
+def _add_moving_pad(plant: MultibodyPlant, ground: RigidBody, name: str) -> RigidBody:
+    """Body of a pad that a drive moves along the ground's normal."""
+    instance = plant.AddModelInstance(name)
+    inertia = SpatialInertia(_PAD_MASS, np.zeros(3), UnitInertia.SolidCube(_PAD_SIZE))
+    pad: RigidBody = plant.AddRigidBody(name, instance, inertia)
+    up = np.array([0.0, 0.0, 1.0])
+    joint = plant.AddJoint(PrismaticJoint(name, ground.body_frame(), pad.body_frame(), up))
+    plant.AddJointActuator(name, joint).set_controller_gains(_PAD_GAINS)
+    return pad
+
+
+def _draw_pad(
     plant: MultibodyPlant,
-    ground: RigidBody,
-    geometry: PlatformGeometry,
-    foot_offsets: Sequence[float],
+    body: RigidBody,
+    name: str,
+    leg: LegGeometry,
+    middle: float,
+    height: float,
 ) -> None:
-    """Pads around the places of the feet, on a plane that is as low as the lowest of them."""
-    lowest = min(0.0, *foot_offsets)
-    properties = ground_contact()
-    middle = 0.5 * (geometry.extension_min + geometry.extension_max)
-    for i, (leg, offset) in enumerate(zip(geometry.drawn_legs, foot_offsets, strict=True)):
-        height = offset - lowest
-        if height == 0.0:
-            continue
-        x, y, _ = foot_to_centre(leg, middle)
-        side = _PAD_SIZE * leg.l_4
-        pad = Box(side, side, height)
-        X_GP = RigidTransform(np.array([-x, -y, 0.5 * height]))
-        plant.RegisterCollisionGeometry(ground, X_GP, pad, f"pad_{i + 1}", properties)
-        plant.RegisterVisualGeometry(ground, X_GP, pad, f"pad_{i + 1}_visual", _PAD_COLOUR)
+    """Gives ground, or a pad of it that moves, a box under the place of a foot.
+
+    Args:
+        plant: the plant.
+        body: body on which the foot stands, whose origin is on the lowest plane of the ground.
+        name: name of the pad.
+        leg: the leg.
+        middle: extension at which its foot is over the middle of the pad [m].
+        height: height of the foot's ground above the lowest plane [m]; 0: there is no pad.
+    """
+    if height == 0.0:
+        return
+    x, y, _ = foot_to_centre(leg, middle)
+    side = _PAD_SIZE * leg.l_4
+    pad = Box(side, side, height)
+    X_GP = RigidTransform(np.array([-x, -y, 0.5 * height]))
+    plant.RegisterCollisionGeometry(body, X_GP, pad, name, ground_contact())
+    plant.RegisterVisualGeometry(body, X_GP, pad, f"{name}_visual", _PAD_COLOUR)
 
 
 def add_visualization(

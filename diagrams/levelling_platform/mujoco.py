@@ -1,5 +1,8 @@
 """Plant of the levelling platform whose rigid bodies MuJoCo simulates."""
 
+from collections.abc import Sequence
+from functools import partial
+
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Multiplexer
@@ -15,6 +18,7 @@ from parapod.diagrams.levelling_platform.plants import (
     draw_as_full,
     efforts_of_legs,
     led_legs,
+    moved_pads,
     observe,
     put_on_ground,
 )
@@ -22,6 +26,7 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.tip import applied_force, draw_bending, motion_in
 from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.wiring import add, connect
+from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.physics.mujoco.model import MujocoModel
@@ -50,6 +55,7 @@ def add_mujoco_plant(
         geometry,
         beginning.foot_offsets,
         scenario.machine.structure,
+        drives.disturbances,
     )
     plant.SetDefaultPositions(beginning.positions(model))
     translated = MujocoModel(
@@ -60,11 +66,14 @@ def add_mujoco_plant(
         groups.append((model.arm,))
     if model.has_rolling_wheels:
         groups.append(model.wheels)
+    pads = moved_pads(builder, model, drives.disturbances)
+    groups += [(pad,) for pad, _ in pads]
     bodies = add(builder, MujocoPlant(translated, groups))
-    load_force = _drive(builder, model, drives, bodies)
+    load_force = _drive(builder, model, drives, bodies, [port for _, port in pads])
     state = bodies.GetOutputPort("state")
     poses, place = bodies.GetOutputPort("body_poses"), scenario.machine.sensors.imu_place
-    signals, observers = observe(builder, model, beginning, state, poses, place)
+    rising = drives.disturbances.rising
+    signals, observers = observe(builder, model, beginning, state, poses, place, rising)
     contact_force = bodies.GetOutputPort("contact_force")
     signals |= {"load_force": load_force, "contact_force": contact_force}
     drawing = model, scene_graph
@@ -80,20 +89,26 @@ def add_mujoco_plant(
         bodies.put(bodies.GetMyMutableContextFromRoot(root_context), context)
         put_on_ground(observers, root_context, beginning)
 
-    def bend(rod: FlexibleArm) -> None:
-        applied = applied_force(builder, model, rod)
+    def load(loads: Sequence[FlexibleArm | ExternalLoad]) -> None:
+        applied = applied_force(builder, model, loads)
         connect(builder, applied, bodies.GetInputPort("applied_force"))
+
+    def bend(rod: FlexibleArm) -> None:
         if meshcat is not None:
             draw_bending(builder, *drawing, rod)
 
-    motion = motion_in(builder, model, state)
-    return PlatformPlant(signals, put, motion=motion, bend=bend)
+    motion = partial(motion_in, builder, model, state)
+    return PlatformPlant(signals, put, motion=motion, load=load, bend=bend)
 
 
 def _drive(
-    builder: DiagramBuilder, model: PlatformModel, drives: Drives, bodies: MujocoPlant
+    builder: DiagramBuilder,
+    model: PlatformModel,
+    drives: Drives,
+    bodies: MujocoPlant,
+    pads: Sequence[OutputPort],
 ) -> OutputPort:
-    """Has the bodies follow the drives; returns the forces of the rods (4).
+    """Has the bodies follow the drives, and the pads their ground; returns the rods' forces (4).
 
     The forces are those of the last step: the loop from the actuators' next state to their load
     is not a loop of one instant.
@@ -105,6 +120,7 @@ def _drive(
         driven_parts.append(drives.arm.GetOutputPort("state"))
     if model.has_rolling_wheels:
         driven_parts.append(drives.wheels)
+    driven_parts += pads
     desired = add(builder, Multiplexer([port.size() for port in driven_parts]), "desired_state")
     for i, port in enumerate(driven_parts):
         connect(builder, port, desired.get_input_port(i))

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -20,6 +21,7 @@ from pydrake.systems.primitives import (
 
 from parapod.diagrams.drawing import remove_visuals
 from parapod.diagrams.levelling_platform.beginning import Beginning
+from parapod.diagrams.levelling_platform.disturbances import Disturbances, add_disturbances
 from parapod.diagrams.levelling_platform.model import (
     add_drawing,
     add_platform,
@@ -29,6 +31,7 @@ from parapod.diagrams.levelling_platform.ports import PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.tip import (
     ArmMotion,
+    add_external_load,
     add_tip,
     applied_force,
     draw_bending,
@@ -38,10 +41,11 @@ from parapod.diagrams.levelling_platform.tip import (
 from parapod.diagrams.multibody import add_discrete_plant
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
-from parapod.diagrams.wiring import add, connect, split_states
+from parapod.diagrams.wiring import add, connect, split_states, sum_of
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.position_drive import PositionDrive, PositionDriveParams
 from parapod.systems.actuators.velocity_servo import VelocityServo
+from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
@@ -66,29 +70,33 @@ from parapod.systems.sensors.limit_switches import LimitSwitches
 
 @dataclass(frozen=True)
 class Drives:
-    """Drives that all backends share.
+    """Drives and disturbances that all backends share.
 
     Attributes:
         rods: outputs `extension`, `velocity`, `next_state` of the linear actuators.
         wheels: angles and velocities (8) that the wheels are held to.
         arm: drives of the arm's joints; None: there is no arm.
+        disturbances: pushes, payload and moving ground.
     """
 
     rods: LeafSystem
     wheels: OutputPort
     arm: PositionDrive | None
+    disturbances: Disturbances
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlatformPlant(Plant[Beginning]):
-    """A plant with an arm on it.
+    """A plant on which an arm and what disturbs it act.
 
     Attributes:
-        motion: motion of platform and arm; None: there is no arm.
-        bend: has a rod that bends act on it.
+        motion: gives the motion of platform and arm.
+        load: has systems of `bending_force` or `applied_force` and `wrench` act on it.
+        bend: has a rod that is drawn bend.
     """
 
-    motion: ArmMotion | None = None
+    motion: Callable[[], ArmMotion]
+    load: Callable[[Sequence[FlexibleArm | ExternalLoad]], None]
     bend: Callable[[FlexibleArm], None] = lambda rod: None
 
 
@@ -120,8 +128,11 @@ def add_multibody_plant(
         scenario.geometry_as_built,
         beginning.foot_offsets,
         scenario.machine.structure,
+        drives.disturbances,
     )
     plant.SetDefaultPositions(beginning.positions(model))
+    for pad, port in moved_pads(builder, model, drives.disturbances):
+        connect(builder, port, plant.get_desired_state_input_port(pad))
     if drives.arm is not None:
         arm = drives.arm.GetOutputPort("state")
         connect(builder, arm, plant.get_desired_state_input_port(model.arm))
@@ -130,7 +141,9 @@ def add_multibody_plant(
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
     state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
     place = scenario.machine.sensors.imu_place
-    signals, observers = observe(builder, model, beginning, state, poses, place)
+    signals, observers = observe(
+        builder, model, beginning, state, poses, place, drives.disturbances.rising
+    )
     feet = observers[1]
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     signals |= {"load_force": load_force, "contact_force": feet.GetOutputPort("contact_force")}
@@ -147,14 +160,31 @@ def add_multibody_plant(
         model.put(context, beginning.positions(model), beginning.ground, beginning.foot_offsets)
         put_on_ground(observers, root_context, beginning)
 
-    def bend(rod: FlexibleArm) -> None:
-        applied = applied_force(builder, model, rod)
+    def load(loads: Sequence[FlexibleArm | ExternalLoad]) -> None:
+        applied = applied_force(builder, model, loads)
         connect(builder, applied, plant.get_applied_generalized_force_input_port())
+
+    def bend(rod: FlexibleArm) -> None:
         if meshcat is not None:
             draw_bending(builder, *drawing, rod)
 
-    motion = motion_in(builder, model, state)
-    return PlatformPlant(signals, put, model=model, motion=motion, bend=bend)
+    motion = partial(motion_in, builder, model, state)
+    return PlatformPlant(signals, put, model=model, motion=motion, load=load, bend=bend)
+
+
+def moved_pads(
+    builder: DiagramBuilder, model: PlatformModel, disturbances: Disturbances
+) -> list[tuple[ModelInstanceIndex, OutputPort]]:
+    """Pads of ground that moves, and the state (2) that each is led to."""
+    pads = []
+    for i, is_moving in enumerate(disturbances.moves):
+        if is_moving and disturbances.rising is not None:
+            name = f"pad_{i + 1}"
+            own = np.eye(2 * LEG_COUNT)[[i, LEG_COUNT + i]]
+            state = add(builder, MatrixGain(own), f"{name}_state")
+            connect(builder, disturbances.rising, state.get_input_port())
+            pads.append((model.plant.GetModelInstanceByName(name), state.get_output_port()))
+    return pads
 
 
 def put_on_ground(
@@ -173,6 +203,7 @@ def observe(
     state: OutputPort,
     body_poses: OutputPort,
     imu_place: Sequence[float],
+    rising: OutputPort | None,
 ) -> tuple[dict[str, OutputPort], tuple[PlatformTruth, FootTruth]]:
     """Adds what tells about simulated bodies: signals of a `Plant` but forces, and observers.
 
@@ -183,11 +214,14 @@ def observe(
         state: state of the model's plant.
         body_poses: poses of its bodies in the world.
         imu_place: place of the inertial sensor, from the platform's centre F [m].
+        rising: rise of the ground under each foot, and its rate (8); None: it does not move.
     """
     truth = add(builder, PlatformTruth(model, beginning.ground, beginning.foot_offsets))
     connect(builder, state, truth.GetInputPort("state"))
     feet = add(builder, FootTruth(model, beginning.ground, beginning.foot_offsets))
     connect(builder, body_poses, feet.GetInputPort("body_poses"))
+    if rising is not None:
+        connect(builder, rising, feet.GetInputPort("rising"))
     inertial = _add_inertial_motion(builder, model, state, imu_place)
     attitude, angular_velocity, specific_force = inertial
     signals = {
@@ -353,11 +387,13 @@ def add_kinematic_plant(
     platform = add(builder, statics)
     connect(builder, drives.rods.GetOutputPort("extension"), platform.GetInputPort("extension"))
     connect(builder, drives.rods.GetOutputPort("velocity"), platform.GetInputPort("velocity"))
-    motion = None
+    if drives.disturbances.rising is not None:
+        connect(builder, drives.disturbances.rising, platform.GetInputPort("rising"))
+    motion = ArmMotion(platform.GetOutputPort("base_pose"))
     if drives.arm is not None:
         arm = drives.arm.GetOutputPort("position")
         connect(builder, arm, platform.GetInputPort("arm_position"))
-        motion = ArmMotion(platform.GetOutputPort("base_pose"), drives.arm.GetOutputPort("state"))
+        motion = replace(motion, joint_state=drives.arm.GetOutputPort("state"))
     stance = add(builder, Demultiplexer([3, 9, 4, 4, 4]), "stance_parts")
     connect(builder, platform.GetOutputPort("stance"), stance.get_input_port(0))
     names = ("posture", "inertial_motion", "contact_force", "load_force", "foot_height")
@@ -391,12 +427,15 @@ def add_kinematic_plant(
             structure=scenario.machine.structure,
         )
 
+    def load(loads: Sequence[FlexibleArm | ExternalLoad]) -> None:
+        wrenches = [each.GetOutputPort("wrench") for each in loads]
+        connect(builder, sum_of(builder, wrenches, "load"), platform.GetInputPort("load"))
+
     def bend(rod: FlexibleArm) -> None:
-        connect(builder, rod.GetOutputPort("wrench"), platform.GetInputPort("load"))
         if drawing is not None:
             draw_bending(builder, *drawing, rod)
 
-    return PlatformPlant(signals, put, motion=motion, bend=bend)
+    return PlatformPlant(signals, put, motion=lambda: motion, load=load, bend=bend)
 
 
 def add_simulated(
@@ -422,17 +461,41 @@ def add_simulated(
     drive = scenario.machine.wheels.drive
     wheels = simulation.add_drives(VelocityServo(drive, WHEEL_COUNT, period), "wheels")
     arm = _add_arm(simulation, scenario.machine.arm_drives, period)
-    drives = Drives(rods=actuators, wheels=wheels.GetOutputPort("state"), arm=arm)
+    disturbances = add_disturbances(builder, scenario.disturbances)
+    drives = Drives(actuators, wheels.GetOutputPort("state"), arm, disturbances)
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
     simulation.add_plant(plant, _HIDDEN)
-    if plant.motion is not None:
-        rod_step = max(1, int(_ROD_STEP / step)) * step
-        add_tip(simulation, scenario, plant.motion, plant.bend, rod_step)
+    is_pushed = disturbances.pushes is not None or disturbances.payload is not None
+    if arm is not None or is_pushed:
+        _add_loads(simulation, scenario, plant, disturbances, step)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
     simulation.outputs["truth.extension"] = actuators.GetOutputPort("extension")
     _add_leg_sensors(simulation, scenario, actuators, plant.signals["contact_force"])
     imu_period, late = _add_imu(simulation, scenario, plant.signals)
     return simulation.behind(PARTS, (0.0, imu_period, period, 0.0), (0.0, late, 0.0, 0.0))
+
+
+def _add_loads(
+    simulation: Simulation[LevellingScenario, Beginning],
+    scenario: LevellingScenario,
+    plant: PlatformPlant,
+    disturbances: Disturbances,
+    step: float,
+) -> None:
+    """Adds truth about the arm's tip, a rod that bends, and what pushes."""
+    motion = plant.motion()
+    loads: list[FlexibleArm | ExternalLoad] = []
+    rod_step = max(1, int(_ROD_STEP / step)) * step
+    if motion.joint_state is not None:
+        rod = add_tip(simulation, scenario, motion, rod_step)
+        if rod is not None:
+            loads.append(rod)
+            plant.bend(rod)
+    external = add_external_load(simulation.builder, scenario, motion, disturbances, step)
+    if external is not None:
+        loads.append(external)
+    if loads:
+        plant.load(loads)
 
 
 def _add_actuators(

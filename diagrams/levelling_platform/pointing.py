@@ -21,6 +21,9 @@ _SHOWN = (
     *("stability_margin", "arm.position_command", "arm_margin", "arm_refused"),
     *("tip_goal", "tip_estimated", "tip_arrived", "tip_refused"),
 )
+# Rate of the passive leg's trim [m/s]: where ground gives way, a platform on two feet rolls down
+# the slope until the others stand again. Twice as fast, the trim goes on beyond the contact.
+_TRIM_RATE = 1.5e-3
 _SIGNALS = {
     "trigger": "estimate_ground",
     "arm_position": "arm.position",
@@ -61,12 +64,14 @@ def make_pointing_controller(
     scenario: LevellingScenario,
     has_view: bool = False,
     on_unreachable: Literal["raise", "clamp"] = "raise",
+    has_payload: bool = False,
 ) -> Diagram:
     """Wires the tip's feedforward and loop, posture chain, contact keeper and stability monitor.
 
     Inputs: `legs.extension` (4), `legs.limits` (12), `imu.gyro` (3), `imu.accel` (3),
     `arm.position` (n), `estimate_ground` (1), whose rise makes the ground be estimated and control
-    begin, and `tip_command` (3, or 6 with directions of view).
+    begin, `tip_command` (3, or 6 with directions of view), and where payloads are told `payload`
+    (1).
     Outputs: `legs.voltage` (4), `arm.position_command` (n), `tip_goal` (3), `tip_estimated` (3),
     `tip_arrived` (1), `tip_refused` (1), `posture_command` (3), `stability_margin` (1: now),
     `arm_margin` (1: along the move asked for), `arm_refused` (1), and what the posture chain has.
@@ -75,6 +80,7 @@ def make_pointing_controller(
         scenario: its `machine` and `control` are used.
         has_view: true if commands have a direction of view.
         on_unreachable: reaction to a point that the tip cannot be at.
+        has_payload: true if the controller is told what the tip bears besides.
     """
     carried, period = carried_arm(scenario), scenario.control.period
     calculated, enabled = "extension_calculated_state", {"enable": "ground_valid"}
@@ -88,8 +94,9 @@ def make_pointing_controller(
     systems = [
         *chain,
         (feedforward, enabled),
-        (ContactKeeper(period=period), trimmed | enabled),
+        (ContactKeeper(_TRIM_RATE, period=period), trimmed | enabled),
         (PiController(pi_params(scenario), period=period), enabled),
         *arm_chain(scenario, "ground_valid"),
     ]
-    return wired("controller", systems, _SHOWN, names | _SIGNALS)
+    skip = () if has_payload else ("payload",)
+    return wired("controller", systems, _SHOWN, names | _SIGNALS, skip)

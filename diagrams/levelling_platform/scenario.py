@@ -13,6 +13,7 @@ from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.faults import FaultScenario, targets_of
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.design import PlatformDesign
+from parapod.diagrams.levelling_platform.disturbances import Disturbance
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
 from parapod.diagrams.machine import ControlScenario as UsualControlScenario
@@ -300,6 +301,8 @@ class LevellingScenario(Schema):
         plant: see `PlantScenario`.
         control: see `ControlScenario`.
         job: see `JobScenario`.
+        disturbances: pushes, payload and moving ground, of a simulated machine; see
+            `Disturbance`.
         faults: faults of the machine's signals; see `PlatformFault`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
@@ -315,6 +318,7 @@ class LevellingScenario(Schema):
     plant: PlantScenario = field(default_factory=PlantScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
     job: JobScenario = field(default_factory=JobScenario)
+    disturbances: list[Disturbance] = field(default_factory=list)
     faults: list[PlatformFault] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 

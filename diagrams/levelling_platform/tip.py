@@ -1,6 +1,6 @@
 """The arm behind a platform's station: truth about its tip, and a rod of it that bends."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,13 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from parapod.diagrams.levelling_platform.beginning import Beginning
+from parapod.diagrams.levelling_platform.disturbances import Disturbances
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.simulated import Simulation
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import add, connect, sum_of
 from parapod.systems.arm.arm_tip import ArmTip
 from parapod.systems.arm.bent_rod import BentRod
+from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
 from parapod.systems.core.errors import ScenarioError
@@ -27,46 +29,81 @@ class ArmMotion:
 
     Attributes:
         platform_pose: quaternion and place (7) of the platform.
-        joint_state: positions of the arm's joints, and their rates (2n).
+        joint_state: positions of the arm's joints, and their rates (2n); None: there is no arm.
         platform_velocity: angular and linear velocity (6) of the platform; None where unknown.
     """
 
     platform_pose: OutputPort
-    joint_state: OutputPort
+    joint_state: OutputPort | None = None
     platform_velocity: OutputPort | None = None
 
 
-def motion_in(
-    builder: DiagramBuilder, model: PlatformModel, state: OutputPort
-) -> ArmMotion | None:
-    """Motion in the state of a plant of rigid bodies; None where there is no arm."""
+def motion_in(builder: DiagramBuilder, model: PlatformModel, state: OutputPort) -> ArmMotion:
+    """Motion in the state of a plant of rigid bodies."""
     count, joints = model.plant.num_positions(), model.arm_joints
-    if not joints:
-        return None
     pose = model.base.floating_positions_start()
     velocity = count + model.base.floating_velocities_start_in_v()
     rates = [count + joint.velocity_start() for joint in joints]
-    ports = []
-    for name, indices in (
-        ("platform_pose", [*range(pose, pose + 7)]),
-        ("joint_state", [joint.position_start() for joint in joints] + rates),
-        ("platform_velocity", [*range(velocity, velocity + 6)]),
-    ):
-        selection = add(builder, MatrixGain(np.eye(state.size())[indices]), name)
-        connect(builder, state, selection.get_input_port())
-        ports.append(selection.get_output_port())
-    return ArmMotion(*ports)
+    parts = {
+        "platform_pose": [*range(pose, pose + 7)],
+        "joint_state": [joint.position_start() for joint in joints] + rates,
+        "platform_velocity": [*range(velocity, velocity + 6)],
+    }
+    ports = {}
+    for name, indices in parts.items():
+        if indices:
+            selection = add(builder, MatrixGain(np.eye(state.size())[indices]), name)
+            connect(builder, state, selection.get_input_port())
+            ports[name] = selection.get_output_port()
+    return ArmMotion(**ports)
 
 
-def applied_force(builder: DiagramBuilder, model: PlatformModel, rod: FlexibleArm) -> OutputPort:
-    """Generalized force of a rod that bends, along all velocities of a plant."""
+def applied_force(
+    builder: DiagramBuilder, model: PlatformModel, loads: Sequence[FlexibleArm | ExternalLoad]
+) -> OutputPort:
+    """Generalized force of loads along all velocities of a plant."""
     start = model.base.floating_velocities_start_in_v()
     joints = [joint.velocity_start() for joint in model.arm_joints]
     rows = [*range(start, start + 6), *joints]
-    gain = MatrixGain(np.eye(model.plant.num_velocities())[:, rows])
-    add(builder, gain, "bending_force")
-    connect(builder, rod.GetOutputPort("bending_force"), gain.get_input_port())
+    gain = add(builder, MatrixGain(np.eye(model.plant.num_velocities())[:, rows]), "loads")
+    forces = [
+        each.GetOutputPort("bending_force" if isinstance(each, FlexibleArm) else "applied_force")
+        for each in loads
+    ]
+    connect(builder, sum_of(builder, forces, "force_of_loads"), gain.get_input_port())
     return gain.get_output_port()
+
+
+def add_external_load(
+    builder: DiagramBuilder,
+    scenario: LevellingScenario,
+    motion: ArmMotion,
+    disturbances: Disturbances,
+    period: float,
+) -> ExternalLoad | None:
+    """Adds what pushes the platform, and what hangs on the tip of a rigid arm; None if nothing.
+
+    Args:
+        builder: builder of the station.
+        scenario: the scenario to build.
+        motion: motion of platform and arm.
+        disturbances: the disturbances.
+        period: period of the plant [s].
+    """
+    machine = scenario.machine
+    payload = disturbances.payload if machine.arm.bending is None else None
+    if disturbances.pushes is None and payload is None:
+        return None
+    load = add(builder, ExternalLoad(disturbances.places, machine.masses.arm, period))
+    connect(builder, motion.platform_pose, load.GetInputPort("base_pose"))
+    for name, port in (
+        ("joint_state", motion.joint_state),
+        ("pushes", disturbances.pushes),
+        ("payload", payload),
+    ):
+        if port is not None:
+            connect(builder, port, load.GetInputPort(name))
+    return load
 
 
 def draw_bending(
@@ -96,22 +133,21 @@ def add_tip(
     simulation: Simulation[LevellingScenario, Beginning],
     scenario: LevellingScenario,
     motion: ArmMotion,
-    bend: Callable[[FlexibleArm], None],
     period: float,
-) -> None:
-    """Adds truth about an arm's tip and, if the arm has one, its rod that bends.
+) -> FlexibleArm | None:
+    """Adds truth about an arm's tip and, if the arm has one, its rod that bends: returns it.
 
     Args:
         simulation: the simulated machine.
         scenario: the scenario to build.
         motion: motion of platform and arm.
-        bend: has the rod act on the plant.
         period: length of the rod's steps [s].
 
     Raises:
         ScenarioError: modes above what the period carries.
     """
     builder, machine = simulation.builder, scenario.machine
+    assert motion.joint_state is not None
     rod, arm = machine.arm.bending, machine.masses.arm
     if rod is None:
         tip = add(builder, ArmTip(arm))
@@ -120,7 +156,7 @@ def add_tip(
         connect(builder, motion.joint_state, tip.GetInputPort("arm_state"))
         simulation.outputs["truth.tip_pose"] = tip.GetOutputPort("pose")
         simulation.outputs["truth.tip_deflection"] = straight.get_output_port()
-        return
+        return None
 
     def pose_at(beginning: Beginning) -> NDArray[np.float64]:
         return standing_pose(beginning.posture, beginning.ground)
@@ -136,7 +172,6 @@ def add_tip(
     connect(builder, motion.joint_state, bends.GetInputPort("joint_state"))
     if motion.platform_velocity is not None:
         connect(builder, motion.platform_velocity, bends.GetInputPort("base_velocity"))
-    bend(bends)
 
     def put(root_context: Context, beginning: Beginning) -> None:
         bends.set_rest(bends.GetMyMutableContextFromRoot(root_context), pose_at(beginning))
@@ -144,3 +179,4 @@ def add_tip(
     simulation.on_put(put)
     simulation.outputs["truth.tip_pose"] = bends.GetOutputPort("tip_pose")
     simulation.outputs["truth.tip_deflection"] = bends.GetOutputPort("deflection")
+    return bends

@@ -1,8 +1,10 @@
 """Quasi-static plant of the levelling platform: at every instant at rest on its feet."""
 
 import functools
+import math
 import weakref
 from collections.abc import Sequence
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -41,6 +43,7 @@ STANCE = {
     "foot_height": slice(20, 24),
 }
 _STANCE_SIZE = 24
+_FARTHEST = 1e3  # way or rate of ground that no ground moves [m, m/s]
 
 
 class KinematicPlatform(OnInclinedGround):
@@ -52,6 +55,7 @@ class KinematicPlatform(OnInclinedGround):
     | in `velocity` | 4 | m/s | their rates |
     | in `arm_position` | n | rad or m | positions of the arm's joints; unconnected: zero |
     | in `load` | 6 | N m, N | about F, by the platform's axes, besides weight; unconnected: 0 |
+    | in `rising` | 8 | m, m/s | how far the ground under each foot has risen; unconnected: 0 |
     | out `posture` | 3 | rad, rad, m | roll, pitch, height |
     | out `attitude` | 3 | rad | roll, pitch, yaw (zero) |
     | out `angular_velocity` | 3 | rad/s | of the platform, in its own frame |
@@ -63,7 +67,9 @@ class KinematicPlatform(OnInclinedGround):
     | out `base_pose` | 7 | -, m | quaternion (w, x, y, z) and position |
     | out `stance` | 24 | as these | posture, inertial motion, contact, load, heights of the feet |
 
-    `load` is that of what bends, whose mass the arm of `params` does not have.
+    `load` is that of what bends, whose mass the arm of `params` does not have, and of what pushes.
+    Ground that gives way under a foot rises by less than nothing; behind the ways come their
+    rates.
 
     Four springs on a rigid ground share the load when the feet nearly lie in one plane; where
     one would have to pull, its foot lifts and the other three carry. With wheels these carry
@@ -78,8 +84,8 @@ class KinematicPlatform(OnInclinedGround):
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
 
-    Bad input: NaN where an extension cannot be built, and where a load lifts it off; with wheels
-    also where it tips over.
+    Bad input: NaN where an extension cannot be built, where a load lifts it off, and on ground
+    that moves absurdly; with wheels also where it tips over.
     """
 
     def __init__(
@@ -109,11 +115,13 @@ class KinematicPlatform(OnInclinedGround):
         self._at_zero = [0.0] * params.arm.count
         self._arm = self.DeclareVectorInputPort("arm_position", params.arm.count)
         self._load = self.DeclareVectorInputPort("load", 6)
+        self._rising = self.DeclareVectorInputPort("rising", 2 * LEG_COUNT)
         tickets = {
             self._extension.ticket(),
             self._velocity.ticket(),
             self._arm.ticket(),
             self._load.ticket(),
+            self._rising.ticket(),
             self.all_parameters_ticket(),
         }
         for name, part in STANCE.items():
@@ -144,13 +152,21 @@ class KinematicPlatform(OnInclinedGround):
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero
+        offsets, rates = self._offsets_of(context), [0.0] * LEG_COUNT
+        if self._rising.HasValue(context):
+            rising = read(self._rising, context)
+            if not sum(map(abs, rising)) < _FARTHEST:
+                output.SetFromVector(np.full(_STANCE_SIZE, math.nan))
+                return
+            offsets, rates = list(map(add, offsets, rising)), rising[LEG_COUNT:]
         stance = self._solved(
             read(self._extension, context),
             read(self._velocity, context),
             self._ground_of(context),
             arm,
-            self._offsets_of(context),
+            offsets,
             read(self._load, context) if self._load.HasValue(context) else [],
+            rates,
         )
         output.SetFromVector(stance)
 
@@ -170,13 +186,14 @@ def _solved(
     arm: list[float],
     foot_offsets: list[float],
     wrench: list[float],
+    foot_rates: list[float],
 ) -> NDArray[np.float64]:
     """The stance as its port shows it."""
     load = None
     if any(wrench):
         m_x, m_y, m_z, f_x, f_y, f_z = wrench
         load = Load((m_x, m_y, m_z), (f_x, f_y, f_z))
-    state = extension, velocity, ground, arm, foot_offsets, load
+    state = extension, velocity, ground, arm, foot_offsets, load, foot_rates
     if wheels is None:
         stance = stand(geometry, params, *state)
     else:

@@ -31,7 +31,7 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, Joint, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from parapod.systems.core.ports import read, read_array
+from parapod.systems.core.ports import read, read_array, read_or_zeros
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import dot
 from parapod.systems.core.vectors import Axes
@@ -78,11 +78,13 @@ class PlatformModel:
         plant: the plant.
         ground_mount: frame on the world that carries the ground and can be inclined.
         geometry: dimensions of the legs as built.
+        depths: largest depth to which the ground under each foot gives way (4) [m].
     """
 
     plant: MultibodyPlant
     ground_mount: FixedOffsetFrame
     geometry: PlatformGeometry
+    depths: tuple[float, ...] = NO_OFFSETS
 
     @cached_property
     def base(self) -> RigidBody:
@@ -267,7 +269,8 @@ class PlatformModel:
             foot_offsets: (4) heights under the feet above the ground's plane, which the model
                 must have been built with [m].
         """
-        self.ground_mount.SetPoseInParentFrame(context, ground_pose(ground, foot_offsets))
+        lowest = np.subtract(foot_offsets, self.depths)
+        self.ground_mount.SetPoseInParentFrame(context, ground_pose(ground, lowest))
         self.plant.SetPositions(context, np.asarray(positions))
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
 
@@ -363,11 +366,14 @@ class FootTruth(OnInclinedGround):
     |---|---|---|---|
     | in `contact_results` | abstract | - | contact results of the plant |
     | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | in `rising` | 8 | m, m/s | how far the ground under each foot has risen; unconnected: 0 |
     | out `contact_force` | 4 | N | of the ground on the feet, normal to the ground |
     | out `foot_height` | 4 | m | lowest point of the rollers above the ground |
     | out `loop_error` | 4 | m | distance of rod end and coupler at K; zero for reduced legs |
 
     State: none. Parameters (Context): the ground, see `OnInclinedGround`.
+
+    Bad input: a rise that is not finite is passed on.
     """
 
     def __init__(
@@ -383,10 +389,11 @@ class FootTruth(OnInclinedGround):
         self._loops = [(a.body.index(), a.other.index(), a.other_point) for a in model.balls]
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
+        self._rising = self.DeclareVectorInputPort("rising", 2 * LEG_COUNT)
         parameters, poses = self.all_parameters_ticket(), self._poses.ticket()
         for name, calc, tickets in (
             ("contact_force", self._calc_force, {self._contact.ticket(), parameters}),
-            ("foot_height", self._calc_height, {poses, parameters}),
+            ("foot_height", self._calc_height, {poses, parameters, self._rising.ticket()}),
             ("loop_error", self._calc_loop_error, {poses}),
         ):
             self.DeclareVectorOutputPort(name, LEG_COUNT, calc, tickets)
@@ -408,15 +415,12 @@ class FootTruth(OnInclinedGround):
         poses: Any = self._poses.Eval(context)
         n = normal_of(*self._ground_of(context))
         centres = [poses[i].translation().tolist() for i in self._rollers]
-        offsets = self._offsets_of(context)
-        output.SetFromVector(
-            np.array(
-                [
-                    dot(n, centre) - self._radius - offset
-                    for centre, offset in zip(centres, offsets, strict=True)
-                ]
-            )
-        )
+        offsets, rising = self._offsets_of(context), read_or_zeros(self._rising, context)
+        heights = [
+            dot(n, centre) - self._radius - offset - risen
+            for centre, offset, risen in zip(centres, offsets, rising[:LEG_COUNT], strict=True)
+        ]
+        output.SetFromVector(np.array(heights))
 
     def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
         if not self._loops:

@@ -23,6 +23,8 @@ from parapod.systems.levelling_platform.plane import normal_of, to_platform
 _POINT, _POINT_AND_VIEW = 3, 6
 # Singular values of the Jacobian, by the largest, that count [-].
 _SMALLEST = 1e-3
+# Payload that no tip bears [kg].
+_HEAVIEST = 1e4
 # Reference that has come to its command [rad or m]; rate at rest [rad/s or m/s].
 _THERE, _AT_REST = 1e-6, 1e-9
 
@@ -166,12 +168,14 @@ class TipLoop(LeafSystem):
     | in `extension_measured` | 4 | m | measured extensions |
     | in `ground` | 2 | rad | estimated roll and pitch of the ground |
     | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
+    | in `payload` | 1 | kg | mass that the tip is known to bear besides; unconnected: 0 |
     | in `enable` | 1 | - | above 0.5: correct; otherwise the correction is zero |
     | out `posture_corrected_state` | 6 | rad, rad, m and rates | what the legs are asked for |
     | out `tip_estimated` | 3 | m | the tip, as all of these see it |
     | out `tip_arrived` | 1 | 0/1 | 1 once the tip is at its point, or comes no nearer |
 
-    The tip follows from the measured joints, the estimated attitude and the sag at rest. The
+    The tip follows from the measured joints, the estimated attitude and the sag at rest, that of a
+    payload with it where a rod bends. The
     platform's height is the median of what its four legs tell on their own: one of them may stand
     on ground that has given way. While reference and arm are at rest, the correction of roll,
     pitch and height moves at k J^-1 times what the tip misses, with the Jacobian J of the tip by
@@ -216,6 +220,7 @@ class TipLoop(LeafSystem):
             ("extension_measured", LEG_COUNT),
             ("ground", 2),
             ("foot_offsets", LEG_COUNT),
+            ("payload", 1),
             ("enable", 1),
         )
         ports = {name: self.DeclareVectorInputPort(name, size) for name, size in sizes}
@@ -224,7 +229,10 @@ class TipLoop(LeafSystem):
         self._correction: Any = self.DeclareDiscreteState(3)
         self._arrived: Any = self.DeclareDiscreteState(1)
         self._since: Any = self.DeclareDiscreteState(np.array([math.inf]))
-        sensors = ("arm_position", "attitude", "extension_measured", "ground", "foot_offsets")
+        sensors = (
+            *("arm_position", "attitude", "extension_measured", "ground", "foot_offsets"),
+            "payload",
+        )
         self.DeclareVectorOutputPort(
             "posture_corrected_state",
             6,
@@ -249,15 +257,17 @@ class TipLoop(LeafSystem):
 
     def _calc_tip(self, context: Context, output: BasicVector) -> None:
         posture, joints = self._posture(context), read_array(self._ports["arm_position"], context)
-        if not np.isfinite([*posture, *joints]).all():
+        (payload,) = read_or_zeros(self._ports["payload"], context)
+        if not (np.isfinite([*posture, *joints]).all() and abs(payload) < _HEAVIEST):
             output.SetFromVector(np.full(3, math.nan))
             return
         output.SetFromVector(self._standing(context).tip_position(posture, joints))
 
     def _standing(self, context: Context) -> CarriedArm:
-        """Platform and arm on the ground as it is estimated."""
+        """Platform and arm on the ground as it is estimated, with what the tip bears."""
         ground = read(self._ports["ground"], context)
-        return self._on(ground, read_or_zeros(self._ports["foot_offsets"], context))
+        offsets = read_or_zeros(self._ports["foot_offsets"], context)
+        return self._on(ground, offsets, read_or_zeros(self._ports["payload"], context))
 
     def _posture(self, context: Context) -> list[float]:
         """Roll, pitch and height of the platform as measured."""
@@ -321,6 +331,7 @@ class TipLoop(LeafSystem):
             read(self._ports["arm_request"], context),
             list(carried.ground),
             list(carried.foot_offsets),
+            read_or_zeros(self._ports["payload"], context),
         )
         step = params.gain * self._period * (pull @ missed)
         limit = np.array([params.angle_limit, params.angle_limit, params.height_limit])
@@ -336,10 +347,17 @@ class TipLoop(LeafSystem):
         return moved if np.isfinite(reached).all() else correction
 
 
-def _on(carried: CarriedArm, ground: list[float], foot_offsets: list[float]) -> CarriedArm:
-    """Platform and arm on other ground."""
-    roll, pitch = ground
-    return replace(carried, ground=(roll, pitch), foot_offsets=tuple(foot_offsets))
+def _on(
+    carried: CarriedArm,
+    ground: list[float],
+    foot_offsets: list[float],
+    payload: Sequence[float] = (0.0,),
+) -> CarriedArm:
+    """Platform and arm on other ground, with a payload (1) at the tip."""
+    (roll, pitch), (mass,), rod = ground, payload, carried.rod
+    if rod is not None and mass > 0.0:
+        rod = replace(rod, tip_mass=rod.tip_mass + mass)
+    return replace(carried, ground=(roll, pitch), foot_offsets=tuple(foot_offsets), rod=rod)
 
 
 def _pull(
@@ -348,9 +366,10 @@ def _pull(
     joints: list[float],
     ground: list[float],
     foot_offsets: list[float],
+    payload: list[float],
 ) -> NDArray[np.float64]:
     """Change of the posture (3, 3) by which the tip moves, where it can."""
-    jacobian = standing(ground, foot_offsets).posture_jacobian(posture, joints)
+    jacobian = standing(ground, foot_offsets, payload).posture_jacobian(posture, joints)
     pull: NDArray[np.float64] = np.linalg.pinv(jacobian, rcond=_SMALLEST)
     return pull
 

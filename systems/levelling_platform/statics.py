@@ -165,6 +165,7 @@ def stand(
     arm: list[float],
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     load: Load | None = None,
+    foot_rates: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Stance:
     """The platform at rest on its feet.
 
@@ -177,10 +178,12 @@ def stand(
         arm: (n) positions of the arm's joints [rad or m].
         foot_offsets: (4) how far each foot stands above the ground's plane [m].
         load: load on the platform besides its weight and the arm's; None for none.
+        foot_rates: (4) rates of the offsets [m/s].
     """
     motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
     feet, slopes = [foot for foot, _ in motions], [slope for _, slope in motions]
-    if any(foot_offsets):
+    g: Vector3 = (0.0, 0.0, 1.0)
+    if any(foot_offsets) or any(foot_rates):
         # Along the normal, so that the force of a foot keeps its line.
         g = normal_over(feet[:3], foot_offsets[:3])
         feet = [plus(foot, scaled(g, o)) for foot, o in zip(feet, foot_offsets, strict=True)]
@@ -192,7 +195,10 @@ def stand(
     sunk = [(x, y, z - give * share) for (x, y, z), share in zip(feet, shares, strict=True)]
     carrying = _OTHERS[contact.index(min(contact))]
     points = [sunk[i] for i in carrying]
-    g, g_rate = _moving_normal(points, [scaled(slopes[i], velocity[i]) for i in carrying])
+    rates = [scaled(slopes[i], velocity[i]) for i in carrying]
+    if any(foot_rates):
+        rates = [plus(v, scaled(g, foot_rates[i])) for v, i in zip(rates, carrying, strict=True)]
+    g, g_rate = _moving_normal(points, rates)
     height = dot(g, points[0])
     roll, pitch, turning, up = _attitude(n, g, g_rate)
     return Stance(
@@ -350,6 +356,7 @@ class _Support(NamedTuple):
     rate: Vector3  # of the centre [m/s]
     reach: float  # of the centre above the ground's plane when it just touches [m]
     stiffness: float  # [N/m]
+    rising: float = 0.0  # rate of the reach [m/s]
 
 
 def stand_on_feet_and_wheels(
@@ -362,6 +369,7 @@ def stand_on_feet_and_wheels(
     arm: list[float],
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     load: Load | None = None,
+    foot_rates: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Stance:
     """The platform at rest on feet and wheels, each a spring that can only push.
 
@@ -378,8 +386,10 @@ def stand_on_feet_and_wheels(
         arm: (n) positions of the arm's joints [rad or m].
         foot_offsets: (4) how far each foot stands above the ground's plane [m].
         load: load on the platform besides its weight and the arm's; None for none.
+        foot_rates: (4) rates of the offsets [m/s].
     """
-    stance = stand(geometry, params, extension, velocity, ground, arm, foot_offsets, load)
+    state = extension, velocity, ground, arm, foot_offsets, load, foot_rates
+    stance = stand(geometry, params, *state)
     if not math.isfinite(stance.posture[2]) or (
         min(stance.contact_force) >= 0.0 and _clearance(wheels, stance) > 0.0
     ):
@@ -391,8 +401,11 @@ def stand_on_feet_and_wheels(
             tuple(-v * slope_i for slope_i in slope),
             geometry.foot_radius + offset,
             params.foot_stiffness,
+            rising,
         )
-        for (foot, slope), v, offset in zip(motions, velocity, foot_offsets, strict=True)
+        for (foot, slope), v, offset, rising in zip(
+            motions, velocity, foot_offsets, foot_rates, strict=True
+        )
     ] + [
         _Support(axle, (0.0, 0.0, 0.0), wheels.radius, params.wheel_stiffness)
         for axle in wheels.axles
@@ -461,7 +474,7 @@ def _footing(
     left_x, left_y = -load * point[0], -load * point[1]
     points, depths, forces = [], [], []
     gx, gy, gz = g
-    for (x, y, z), _, reach, stiffness in supports:
+    for (x, y, z), _, reach, stiffness, _ in supports:
         above = h + gx * x + gy * y + gz * z
         depth = reach - above
         force = stiffness * depth if depth > 0.0 else 0.0
@@ -562,7 +575,7 @@ def _normal_rate(supports: list[_Support], footing: _Footing) -> Vector3:
     right = (0.0, 0.0, 0.0)
     for s, k, point in zip(supports, carrying, footing.points, strict=True):
         if k:
-            right = plus(right, scaled(point, -k * dot(g, s.rate)))
+            right = plus(right, scaled(point, k * (s.rising - dot(g, s.rate))))
     if not any(right):
         return right
     x, y, _ = _solved(footing.points, carrying, right)

@@ -13,7 +13,7 @@ import math
 import pkgutil
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, ClassVar
 
@@ -116,7 +116,8 @@ NAMED = {
     around(0.0, 0.02): "attitude",
     around(1e-3, 1e-3): "attitude_error",
     around(0.0, 0.01): "ground ground_estimated gyro leg_rate position_measured position_node",
-    around(0.0, 5e-4): "foot_offsets foot_offsets_estimated",
+    around(0.0, 5e-4): "foot_offsets foot_offsets_estimated rising",
+    one_of(0.0, 0.5): "payload",
     around((0.0, 0.0, 9.81), 0.1): "accel specific_force",
     around(0.03, 0.03): "age wheel_velocity",
     around(0.0, 0.05): "velocity",
@@ -468,6 +469,10 @@ ENTRIES: dict[str, Entry] = {
         rod_of_platform,
         inputs={"clamp_pose": pose, "modal_state": around(0.0, 0.05)},
     ),
+    "ExternalLoad": Entry(
+        lambda: {"arm": PAPER_ARM},
+        inputs={"base_pose": pose, "joint_state": around(0.0, 0.2), "pushes": around(0.0, 9.0)},
+    ),
     "FlexibleArm": Entry(
         # So slow that any period carries it.
         lambda: {
@@ -602,7 +607,11 @@ ENTRIES: dict[str, Entry] = {
         limits={"extra_age": BINARY, "changed": BINARY},
         passes={"a value that is not finite passes": "faulted"},
     ),
-    "FootTruth": Entry(of_model(add_platform), inputs=BODIES[add_platform]),
+    "FootTruth": Entry(
+        of_model(add_platform),
+        inputs=BODIES[add_platform],
+        passes={"is passed on": "foot_height"},
+    ),
     "ForwardKinematics": Entry(variants=({"geometry": BUILT},), passes={NOT_BUILT: "posture"}),
     "FunctionSystem": Entry(
         lambda: {"inputs": {"signal": 2}, "outputs": {"norm": (1, lambda x: [x @ x])}},
@@ -725,6 +734,7 @@ ENTRIES: dict[str, Entry] = {
     ),
     "TipLoop": Entry(
         lambda: {"carried": CARRIED},
+        variants=({"carried": replace(CARRIED, rod=FlexibleRod())},),
         inputs={"tip_goal": around((1.03, 0.02, 2.36), 0.02)},
         limits={"tip_arrived": BINARY},
         passes={

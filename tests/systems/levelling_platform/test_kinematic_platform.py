@@ -16,6 +16,7 @@ from parapod.systems.levelling_platform.kinematics import (
 )
 from parapod.systems.levelling_platform.leg import foot_to_centre, footprint
 from parapod.systems.levelling_platform.statics import KinematicPlatformParams, rod_arm
+from parapod.systems.levelling_platform.wheels import WheelGeometry
 
 POINT = PlatformGeometry()
 ROLLER = PlatformGeometry(foot_radius=0.025)
@@ -383,3 +384,41 @@ def test_load_that_lifts_it_off_leaves_nothing_known():
     ):
         platform.GetInputPort(name).FixValue(context, value)
     assert np.isnan(platform.GetOutputPort("contact_force").Eval(context)).all()
+
+
+@pytest.fixture
+def risen(fix, read):
+    """risen(platform, rising): outputs of a platform on ground that moves."""
+
+    def outputs(platform, rising):
+        context = platform.CreateDefaultContext()
+        extension = inverse_kinematics(ROLLER, POSTURE, GROUND)
+        given = {"extension": extension, "velocity": np.zeros(4), "arm_position": (1.0, 0.8)}
+        fix(platform, context, **given, rising=np.array(rising))
+        return read(platform, context)
+
+    return outputs
+
+
+# Wheels in the air, and wheels that carry beside two feet.
+@pytest.mark.parametrize("wheels", [None, WheelGeometry(), WheelGeometry(height=-0.351)])
+def test_ground_that_moves_turns_the_platform_at_the_rate_of_its_attitude(risen, wheels):
+    platform = KinematicPlatform(ROLLER, STIFF, wheels, GROUND)
+    rates, time, step = np.array([0.0, -0.02, 0.0, 0.005]), 0.1, 1e-5
+    before, now, after = (
+        risen(platform, [*(rates * moment), *rates]) for moment in (time - step, time, time + step)
+    )
+    change = rotation(after["attitude"]) - rotation(before["attitude"])
+    turn = rotation(now["attitude"]).T @ change / (2.0 * step)
+    spin = [turn[2, 1], turn[0, 2], turn[1, 0]]
+    assert np.linalg.norm(spin) > 1e-3
+    np.testing.assert_allclose(now["angular_velocity"], spin, atol=2e-6)
+
+
+def test_ground_that_has_risen_is_ground_with_offsets(risen):
+    offsets, none = [0.0, -0.01, 0.002, 0.0], [0.0] * 4
+    on_offsets = KinematicPlatform(ROLLER, STIFF, None, GROUND, offsets)
+    on_plane = KinematicPlatform(ROLLER, STIFF, None, GROUND)
+    np.testing.assert_array_equal(
+        risen(on_plane, [*offsets, *none])["stance"], risen(on_offsets, none + none)["stance"]
+    )

@@ -1,0 +1,182 @@
+"""Disturbances of a simulated platform: pushes, ground that gives way, a payload at the tip."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Multiplexer, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from parapod.diagrams.wiring import add, connect, sum_of
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.schema import Variant, quantity
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
+
+# Time at which trajectories end, after every run [s].
+_END = 1e7
+
+
+@dataclass
+class Disturbance(Variant):
+    """Root of the disturbances, between which a tag chooses; of simulated machines only.
+
+    Attributes:
+        at: beginning, in the time of the simulation [s].
+        duration: time that it takes [s].
+    """
+
+    at: float = quantity(10.0, 0.0, 1e6)
+    duration: float = quantity(0.3, 1e-3, 1e4)
+
+    def step(self, size: Sequence[float]) -> PiecewisePolynomial:
+        """Way from zero to a size (n) along a cubic, and rest there."""
+        return _smooth([0.0, self.at, self.at + self.duration, _END], [0.0, 0.0, 1.0, 1.0], size)
+
+    def pulse(self, size: Sequence[float]) -> PiecewisePolynomial:
+        """Way from zero to a size (n) and back along cubics."""
+        half = 0.5 * self.duration
+        times = [0.0, self.at, self.at + half, self.at + self.duration, _END]
+        return _smooth(times, [0.0, 0.0, 1.0, 0.0, 0.0], size)
+
+
+def _smooth(
+    times: Sequence[float], shares: Sequence[float], size: Sequence[float]
+) -> PiecewisePolynomial:
+    """Cubics that are at rest at their knots; of knots at one time the last counts."""
+    knots = {time: share for time, share in zip(times, shares, strict=True)}
+    values = [[share * part for share in knots.values()] for part in size]
+    return PiecewisePolynomial.CubicHermite(list(knots), values, [[0.0] * len(knots)] * len(size))
+
+
+@dataclass
+class Push(Disturbance):
+    """Push against the platform, which rises and falls as a cubic does.
+
+    Attributes:
+        force_N: largest force, by the world's axes [N].
+        moment_Nm: largest moment besides, by the world's axes [N m].
+        place_mm: place at which the force acts, from the platform's centre F [mm].
+    """
+
+    force_N: list[float] = quantity([100.0, 0.0, 0.0], -1e6, 1e6, length=3)  # noqa: N815
+    moment_Nm: list[float] = quantity([0.0] * 3, -1e6, 1e6, length=3)  # noqa: N815
+    place_mm: list[float] = quantity([0.0] * 3, -1e5, 1e5, length=3)
+
+
+@dataclass
+class Subsidence(Disturbance):
+    """Ground that gives way under a foot, and stays where it is then.
+
+    Attributes:
+        foot: number of the foot, 1 to 4.
+        depth_mm: way down along the ground's normal [mm]; below zero it rises.
+    """
+
+    foot: int = quantity(1, 1, LEG_COUNT)
+    depth_mm: float = quantity(10.0, -50.0, 50.0)
+
+
+@dataclass
+class Payload(Disturbance):
+    """Payload that the tip takes, and keeps: its weight passes over to the tip along a cubic.
+
+    Attributes:
+        duration: time in which it does so [s].
+        mass_kg: mass [kg].
+    """
+
+    duration: float = quantity(1.0, 1e-3, 1e4)
+    mass_kg: float = quantity(0.5, 1e-3, 1e4)
+
+    @property
+    def course(self) -> PiecewisePolynomial:
+        """Mass (1) over time whose weight the tip bears [kg]."""
+        return self.step([self.mass_kg])
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """Courses of the disturbances over time; ports are None where there are none.
+
+    Attributes:
+        places: places of the k pushes, from the platform's centre F [m].
+        pushes: moment and force of each (6k), by the world's axes [N m, N].
+        rising: rise of the ground under each foot, and its rate (8) [m, m/s].
+        depths: largest depth to which the ground under each foot gives way (4) [m].
+        moves: flags of the feet (4) whose ground moves.
+        mass: mass of the payload [kg]; 0: there is none.
+        payload: mass (1) whose weight the tip bears [kg].
+    """
+
+    places: tuple[tuple[float, float, float], ...] = ()
+    pushes: OutputPort | None = None
+    rising: OutputPort | None = None
+    depths: tuple[float, ...] = (0.0,) * LEG_COUNT
+    moves: tuple[bool, ...] = (False,) * LEG_COUNT
+    mass: float = 0.0
+    payload: OutputPort | None = None
+
+
+def check_disturbances(
+    disturbances: Sequence[Disturbance], simulated: bool, has_arm: bool
+) -> None:
+    """Refuses disturbances of what is not simulated, and payloads that no tip takes.
+
+    Raises:
+        ScenarioError: names the key, and what is admissible.
+    """
+    key = "disturbances"
+    if disturbances and not simulated:
+        raise ScenarioError(f"{key} must be empty: they act on simulated machines only", key)
+    payloads = [i for i, each in enumerate(disturbances) if isinstance(each, Payload)]
+    if payloads and not has_arm:
+        key = f"{key}.{payloads[0]}"
+        raise ScenarioError(f"{key}: there is no arm whose tip could take a payload", key)
+    if len(payloads) > 1:
+        key = f"{key}.{payloads[1]}"
+        raise ScenarioError(f"{key}: the tip takes one payload, not {len(payloads)}", key)
+
+
+def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance]) -> Disturbances:
+    """Adds sources of their courses over time.
+
+    Args:
+        builder: builder of the station.
+        disturbances: disturbances of the scenario.
+    """
+    pushes = [each for each in disturbances if isinstance(each, Push)]
+    sinking = [each for each in disturbances if isinstance(each, Subsidence)]
+    payloads = [each for each in disturbances if isinstance(each, Payload)]
+    depths = np.zeros(LEG_COUNT)
+    sources = []
+    for i, each in enumerate(sinking):
+        depth = np.zeros(LEG_COUNT)
+        depth[each.foot - 1] = 1e-3 * each.depth_mm
+        depths += np.maximum(depth, 0.0)
+        source = add(
+            builder, TrajectorySource(each.step((-depth).tolist()), 1), f"subsidence_{i + 1}"
+        )
+        sources.append(source.get_output_port())
+    rising = sum_of(builder, sources, "rising_ground") if sources else None
+    forces = None
+    if pushes:
+        joint = add(builder, Multiplexer([6] * len(pushes)), "pushes")
+        for i, push in enumerate(pushes):
+            way = push.pulse([*push.moment_Nm, *push.force_N])
+            source = add(builder, TrajectorySource(way), f"push_{i + 1}")
+            connect(builder, source.get_output_port(), joint.get_input_port(i))
+        forces = joint.get_output_port()
+    mass, payload = 0.0, None
+    for hung in payloads:
+        mass = hung.mass_kg
+        payload = add(builder, TrajectorySource(hung.course), "payload").get_output_port()
+    return Disturbances(
+        places=tuple((x / 1e3, y / 1e3, z / 1e3) for x, y, z in (p.place_mm for p in pushes)),
+        pushes=forces,
+        rising=rising,
+        depths=tuple(depths.tolist()),
+        moves=tuple(any(each.foot == i + 1 for each in sinking) for i in range(LEG_COUNT)),
+        mass=mass,
+        payload=payload,
+    )
