@@ -35,7 +35,6 @@ from parapod.sims.levelling_platform.inspection import (
     PointScenario,
     read_tip,
     stroke_metric,
-    tip_bound,
     trigger,
 )
 from parapod.sims.levelling_platform.levelling import check_friction, make_scene
@@ -51,6 +50,9 @@ from parapod.systems.levelling_platform.pointing import TipScript
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+# Largest distance of the tip from its point once it has come back [mm]: errors of legs and sensors,
+# and what feet slip and roll meanwhile.
+_BOUND = 10.0
 # Time over which the place of the tip is averaged, longer than a turn of its vibration [s].
 _AVERAGED = 0.6
 
@@ -148,7 +150,7 @@ class TipHold(LoopExperiment[TipHoldScenario, Run]):
 
     def measure(self, scenario: TipHoldScenario, run: Run) -> Iterator[Metric]:
         """Distances from the point, times of recovery, vibration and stroke left."""
-        distance, bound = 1e3 * _distance(run), tip_bound(scenario)
+        distance, bound = 1e3 * _distance(run), _BOUND * scenario.machine.size
         windows = _windows(scenario, run)
         # The average at the end of each window.
         rests = [float(distance[window][-1]) for _, window in windows]
@@ -281,7 +283,7 @@ def _draw(scenario: TipHoldScenario, run: Run, canvas: "Canvas") -> None:
     ):
         upper.plot(run.time, 1e3 * np.linalg.norm(tip - goal, axis=1), label=label, linewidth=1.0)
     upper.plot(run.time, 1e3 * _distance(run), label="true, averaged", linewidth=1.6)
-    upper.axhline(tip_bound(scenario), color="0.5", linewidth=0.8, linestyle="--")
+    upper.axhline(_BOUND * scenario.machine.size, color="0.5", linewidth=0.8, linestyle="--")
     begin = min(each.at for each in scenario.disturbances) - 5.0
     beyond = run.time > begin
     upper.set_ylim(0.0, 1.1e3 * float(np.nanmax(_away(run)[beyond])))

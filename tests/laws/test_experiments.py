@@ -75,6 +75,10 @@ BRIEF = {
         *("backend=kinematic", "job.estimate_at=1.5", "job.settled_after=1.5"),
         *("inspection.points=[{place_mm: [1030, 20, 2360]}]", "inspection.hold_s=0.1"),
     ),
+    "tip-hold": (
+        *("backend=kinematic", "job.estimate_at=1.5", "job.settled_after=1.5", "hold.end_s=6"),
+        "disturbances=[!Subsidence {at: 4}, !Push {at: 4.5}, !Payload {at: 5, duration: 0.1}]",
+    ),
     "arm-vibration": (
         *("backend=kinematic", "job.estimate_at=1.5", "job.settled_after=1.5"),
         *("job.arm={start: 0.5, duration: 0.5}", "job.end=2.5"),

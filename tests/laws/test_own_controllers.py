@@ -38,7 +38,7 @@ def make(scenario, machine):
 POINTING = SUPERVISED.replace(".controller import", ".pointing import").replace(
     "make_supervised_controller", "make_pointing_controller"
 )
-OTHERS = {"deploy": SUPERVISED, "inspect": POINTING}
+OTHERS = {"deploy": SUPERVISED, "inspect": POINTING, "tip-hold": POINTING}
 # Ports, and nothing behind them.
 PORTS = """
 import numpy as np

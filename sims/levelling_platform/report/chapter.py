@@ -216,6 +216,19 @@ _PARTS = (
         ),
     ),
     Part(
+        "tip-hold",
+        "The tip held in a point",
+        "Ground gives way under a foot, the platform is pushed, the tip takes a payload: the legs "
+        "bring it back. The paper's task of making the arm stand firmly, and of helping its tip, "
+        "at once.",
+        "tip-hold",
+        quick=(
+            "backend=kinematic",
+            "disturbances=[!Subsidence {at: 15, foot: 4}, !Payload {at: 22}]",
+            "hold.end_s=32",
+        ),
+    ),
+    Part(
         "identify-arm",
         "The arm's vibration",
         "Frequency and damping of the arm from the legs alone: they jerk the platform and lift "
@@ -315,8 +328,9 @@ _FUTURE = (
     FutureWork(
         "sections 1 and 8",
         "the third task: the legs help in the positioning of the tip",
-        "Platform, turntable and arm bring the tip to points as one chain, within millimetres.",
-        ("inspect",),
+        "Platform, turntable and arm bring the tip to points as one chain, within millimetres, "
+        "and the legs hold it there while ground gives way.",
+        ("inspect", "tip-hold"),
     ),
 )
 

@@ -1,0 +1,77 @@
+"""The tip held in a point while disturbances come."""
+
+import pytest
+
+from parapod.sims.levelling_platform.tip_hold import TipHold, TipHoldScenario
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.levelling_platform.pointing import TipLoop
+
+SINKING = "disturbances=[!Subsidence {at: 15, foot: 4, depth_mm: 10}]"
+EXACT = "machine.sensors={imu_noise: false, accel_bias_mg: 0, gyro_bias_deg_s: 0}"
+RIGID = ("machine.arm=!Rod {}", "control.arm_shaper=none")
+
+
+@pytest.fixture
+def held(execute):
+    """held(*settings): result on the kinematic backend, if no other is named."""
+
+    def run(*settings, backend="kinematic", end=25.0):
+        return execute("tip-hold", f"backend={backend}", f"hold.end_s={end}", *settings)
+
+    return run
+
+
+def test_the_tip_comes_back_where_ground_gives_way(held):
+    result = held(*RIGID, EXACT, SINKING)
+    assert result.passed
+    assert result["tip_error_mm"] < 2.0
+    assert result["excursion_mm"] > 10.0
+    assert 0.5 < result["recovery_s"] < 5.0
+
+
+def test_without_the_loop_it_stays_away(held, monkeypatch):
+    monkeypatch.setattr(TipLoop, "_moved", lambda self, context, correction, missed: correction)
+    result = held(*RIGID, EXACT, SINKING)
+    # The contact keeper alone brings back what the fourth leg can.
+    assert {metric.key for metric in result.broken} == {"tip_error_mm", "recovery_s"}
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_payload_lowers_the_tip_of_a_rod_that_bends_unless_it_is_told(held, told):
+    payload = "disturbances=[!Payload {at: 15, mass_kg: 0.5, duration: 2.0}]"
+    result = held(EXACT, payload, f"hold.payload_is_told={str(told).lower()}", end=28.0)
+    assert result.passed == told
+    if told:
+        assert result["tip_error_mm"] < 3.0
+    else:
+        # Half a kilogram at the end of a tube that leans by 50 deg.
+        assert 15.0 < result["tip_error_mm"] < 31.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["multibody", "mujoco"])
+def test_on_bodies_it_comes_back_from_all_of_them(held, backend):
+    if backend == "mujoco":
+        pytest.importorskip("mujoco")
+    reduced = "plant={leg_model: reduced, time_step: 0.005}"
+    assert held(reduced, backend=backend, end=62.0).passed
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (("disturbances=[]",), "disturbances must have 1 element or more"),
+        (("machine.arm=!None {}",), "machine.arm must be an arm: its tip is put to points"),
+        (
+            ("hold.end_s=40",),
+            "disturbances.2.at = 50 s must be 39.4 or less: the run ends 0.6 s after that",
+        ),
+    ],
+)
+def test_what_holds_no_tip_is_refused(settings, message):
+    file = "package://parapod/levelling_platform/tip-hold.yaml"
+    scenario = load_scenario(TipHoldScenario, file, None, settings)
+    with pytest.raises(ScenarioError) as refusal:
+        TipHold("tip-hold").check(scenario)
+    assert str(refusal.value) == message
