@@ -103,8 +103,6 @@ class PlatformPlant(Plant[Beginning]):
 type PlantMaker = Callable[
     [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], PlatformPlant
 ]
-# Longest step of a rod that bends on rigid bodies [s].
-_ROD_STEP = 5e-3
 # Signals that are for sensors alone.
 _HIDDEN = ("attitude", "angular_velocity", "specific_force")
 
@@ -485,9 +483,8 @@ def _add_loads(
     """Adds truth about the arm's tip, a rod that bends, and what pushes."""
     motion = plant.motion()
     loads: list[FlexibleArm | ExternalLoad] = []
-    rod_step = max(1, int(_ROD_STEP / step)) * step
     if motion.joint_state is not None:
-        rod = add_tip(simulation, scenario, motion, rod_step)
+        rod = add_tip(simulation, scenario, motion, step)
         if rod is not None:
             loads.append(rod)
             plant.bend(rod)

@@ -18,9 +18,14 @@ from parapod.systems.arm.arm_tip import ArmTip
 from parapod.systems.arm.bent_rod import BentRod
 from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
+from parapod.systems.arm.rod_motion import longest_period
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
+
+# Longest steps of a rod that bends, on a base of known velocity and on one of a pose alone [s],
+# and by how much a whole number of the plant's steps may seem less for rounding [-].
+_LONGEST, _LONGEST_BY_POSES, _ROUNDED = 10e-3, 5e-3, 1e-9
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ def add_tip(
     simulation: Simulation[LevellingScenario, Beginning],
     scenario: LevellingScenario,
     motion: ArmMotion,
-    period: float,
+    step: float,
 ) -> FlexibleArm | None:
     """Adds truth about an arm's tip and, if the arm has one, its rod that bends: returns it.
 
@@ -141,7 +146,7 @@ def add_tip(
         simulation: the simulated machine.
         scenario: the scenario to build.
         motion: motion of platform and arm.
-        period: length of the rod's steps [s].
+        step: step of the plant [s]; a rod's step is some of these.
 
     Raises:
         ScenarioError: modes above what the period carries.
@@ -163,8 +168,14 @@ def add_tip(
 
     is_moving = motion.platform_velocity is not None
     begins = pose_at(simulation.beginning)
+    longest = min(_LONGEST if is_moving else _LONGEST_BY_POSES, longest_period(rod))
+    period = max(1, int(longest / step + _ROUNDED)) * step
     try:
-        bends = FlexibleArm(rod, period, arm, begins, "velocity" if is_moving else "pose")
+        bends = (
+            FlexibleArm(rod, period, arm, begins, "velocity", ["bending_force"])
+            if is_moving
+            else FlexibleArm(rod, period, arm, begins, "pose", ["wrench"])
+        )
     except ValueError as error:
         raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
     add(builder, bends)

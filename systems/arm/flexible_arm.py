@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import sumprod
 from typing import Literal, NamedTuple
 
@@ -24,12 +24,13 @@ _UPWARDS = (0.0, 0.0, GRAVITY)  # specific force of what is at rest [m/s^2]
 _STILL = (0.0, 0.0, 0.0)
 # Quaternion (w, x, y, z) and place of a base at the world's origin.
 _AT_ORIGIN = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-_ABSURD = 1e6  # sum of numbers that no base's motion has
-# Groups of the discrete state, and numbers of the first behind those of the modes: pose (7) and
+_ABSURD = 1e12  # sum of squares of numbers that no base's motion has
+# First group of the discrete state, and its numbers behind those of the modes: pose (7) and
 # velocity (6) of the clamp at the last update, whether they are known (1), and its motion (9) in
 # the last step.
-_RODS, _WRENCH, _BENDING = range(3)
+_RODS = 0
 _POSE, _VELOCITY, _IS_KNOWN, _MOTION = slice(0, 7), slice(7, 13), 13, slice(14, 23)
+type Force = Literal["wrench", "bending_force"]
 
 
 class _Clamp(NamedTuple):
@@ -39,6 +40,15 @@ class _Clamp(NamedTuple):
     axes: Axes
     quaternion: quaternions.Quaternion
     columns: list[tuple[float, ...]]  # of its Jacobian (6), one a joint
+
+
+class _Moved(NamedTuple):
+    """The clamp a step after the last one."""
+
+    axes: Axes  # of the arm's base
+    clamp: _Clamp
+    numbers: list[float]  # of the clamp, as the state has them
+    motion: ClampMotion
 
 
 class FlexibleArm(LeafSystem):
@@ -60,6 +70,8 @@ class FlexibleArm(LeafSystem):
     | out `wrench` | 6 | N m, N | moment about the base and force of the rod, by the base's axes |
     | out `bending_force` | k | N m, N | generalized force of the bending, k = 6 + n |
 
+    `forces` says which of the last two there are.
+
     The rod is clamped to the last link of an arm, along that link's z axis; without joints to the
     base itself. Poses and velocities are in the world's axes, where gravity is along -z. Angular
     velocities come before linear ones, and moments before forces, as in Drake. `bending_force`
@@ -67,11 +79,14 @@ class FlexibleArm(LeafSystem):
     base in the world, and along those of the joints.
 
     The step is that of `RodMotion`: exact for a motion of the clamp that is constant over it. It
-    takes the mean acceleration of the step before, by the change of velocities or of poses.
+    takes the mean acceleration of the step before, by the change of velocities or of poses. With
+    velocities the rod is half a period ahead of an update, so that what it shows and what it does
+    to a plant until the next one are those of the time between, without a delay; it goes this
+    half as the clamp moved before, and is corrected once that motion is known.
 
     State: discrete, modal coordinates and their rates (4m), pose (7) and velocity (6) of the clamp
-    at the last update, whether they are known (1), its motion (9) in the last step; `wrench` (6);
-    `bending_force` (6 + n); updated every period. It begins at rest, sagging under its weight, on
+    at the last update, whether they are known (1), its motion (9) in the last step; the forces
+    that there are; updated every period. It begins at rest, sagging under its weight, on
     `base_pose` with the joints at zero; without one on the first pose that it is shown.
 
     Bad input: with a pose, velocity or joint that is not finite, or absurd, the clamp is taken to
@@ -85,6 +100,7 @@ class FlexibleArm(LeafSystem):
         arm: SerialArm = SerialArm(),
         base_pose: ArrayLike | None = None,
         base_motion: Literal["pose", "velocity"] = "velocity",
+        forces: Sequence[Force] = ("wrench", "bending_force"),
     ):
         """Creates the system.
 
@@ -94,6 +110,7 @@ class FlexibleArm(LeafSystem):
             arm: the arm, to whose last link the rod is clamped; its links' masses do not count.
             base_pose: pose (7) of the base in a default context; None: unknown.
             base_motion: inputs that are read: the base's pose alone, or with its velocity.
+            forces: outputs on a plant: each costs what it takes to work it out at every step.
 
         Raises:
             ValueError: a rod that buckles under its own weight, or a mode above what the period
@@ -104,15 +121,16 @@ class FlexibleArm(LeafSystem):
         self.rod = rod
         self._motion, self._period, self._size = RodMotion(rod, period), period, 4 * rod.modes
         self._count, self._has_velocity = arm.count, base_motion == "velocity"
-        clamped = SerialArm(arm.joints, arm.links)
-        self._clamp = Remembered(functools.partial(_clamp_on, clamped))
+        self._clamp = Remembered(functools.partial(_clamp_on, SerialArm(arm.joints, arm.links)))
+        self._moved = functools.partial(_moved, self._clamp, period)
+        self._force_names = tuple(forces)
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
         self._velocity = self.DeclareVectorInputPort("base_velocity", 6)
         self._joints = self.DeclareVectorInputPort("joint_state", 2 * arm.count)
         is_known = base_pose is not None
         pose = np.asarray(base_pose, dtype=float).tolist() if is_known else list(_AT_ORIGIN)
         groups = self._rest(pose, [0.0] * arm.count, is_known=is_known)
-        state, *forces = (self.DeclareDiscreteState(np.array(group)) for group in groups)
+        state, *indices = (self.DeclareDiscreteState(np.array(group)) for group in groups)
         rods = {self.discrete_state_ticket(state)}
         now = rods | {self._pose.ticket(), self._joints.ticket()}
         moving = now | {self._velocity.ticket()} if self._has_velocity else now
@@ -125,7 +143,7 @@ class FlexibleArm(LeafSystem):
         ):
             self.DeclareVectorOutputPort(name, size, calc, tickets)
         # Copied in C++, as often as a plant steps.
-        for name, index in zip(("wrench", "bending_force"), forces, strict=True):
+        for name, index in zip(forces, indices, strict=True):
             self.DeclareStateOutputPort(name, index)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
@@ -151,80 +169,55 @@ class FlexibleArm(LeafSystem):
         modal = self._motion.rest(base[_MOTION][:3])
         return [modal + base, *self._forces(modal, _motion_in(base), axes, clamp)]
 
-    def _velocity_at(
-        self, axes: Axes, clamp: _Clamp, velocity: list[float], rates: list[float]
-    ) -> list[float]:
-        """Velocity (6) of the clamp in the world."""
-        w_x, w_y, w_z, v_x, v_y, v_z = velocity
-        angular = w_x, w_y, w_z
-        linear = plus((v_x, v_y, v_z), cross(angular, axes.in_world(clamp.place)))
-        if any(rates):
-            own = [sumprod(row, rates) for row in zip(*clamp.columns, strict=True)]
-            angular = plus(angular, axes.in_world(own[:3]))
-            linear = plus(linear, axes.in_world(own[3:]))
-        return [*angular, *linear]
-
     def _forces(
         self, modal: list[float], motion: ClampMotion, axes: Axes, clamp: _Clamp
-    ) -> tuple[list[float], list[float]]:
-        """Numbers of `wrench` and `bending_force`."""
+    ) -> list[list[float]]:
+        """Numbers of the forces that there are."""
         moment, force = map(clamp.axes.in_world, self._motion.bending_wrench(modal, motion))
-        rigid_moment, rigid = map(clamp.axes.in_world, self._motion.rigid_wrench(motion))
-        efforts = [sumprod(column, (*moment, *force)) for column in clamp.columns]
-        moment = plus(moment, cross(clamp.place, force))
-        bent = [*axes.in_world(moment), *axes.in_world(force), *efforts]
-        stiff = plus(rigid_moment, cross(clamp.place, rigid))
-        return [*plus(moment, stiff), *plus(force, rigid)], bent
+        about_base = plus(moment, cross(clamp.place, force))
+        forces = []
+        for name in self._force_names:
+            if name == "wrench":
+                stiff = self._motion.rigid_wrench(motion)
+                rigid_moment, rigid = map(clamp.axes.in_world, stiff)
+                rigid_moment = plus(rigid_moment, cross(clamp.place, rigid))
+                forces.append([*plus(about_base, rigid_moment), *plus(force, rigid)])
+            else:
+                efforts = [sumprod(column, (*moment, *force)) for column in clamp.columns]
+                forces.append([*axes.in_world(about_base), *axes.in_world(force), *efforts])
+        return forces
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         state = elements(context.get_discrete_state(_RODS))
         modal, last = state[: self._size], state[self._size :]
         pose, joints = read(self._pose, context), read(self._joints, context)
-        position, rates = joints[: self._count], joints[self._count :]
         velocity = read(self._velocity, context) if self._has_velocity else []
-        is_sane = any(pose[:4]) and sum(map(abs, (*pose, *joints, *velocity))) < _ABSURD
+        numbers = pose + joints + velocity
+        is_sane = any(pose[:4]) and sumprod(numbers, numbers) < _ABSURD
         if not last[_IS_KNOWN] > 0.5:
             if is_sane:
-                rest = self._rest(pose, position, is_known=True)
+                rest = self._rest(pose, joints[: self._count], is_known=True)
                 for index, group in enumerate(rest):
                     discrete_state.set_value(index, np.array(group))
             return
-        axes = Axes.from_quaternion(pose[:4] if any(pose[:4]) else _AT_ORIGIN[:4])
-        clamp = self._clamp(position)
         if is_sane:
-            placed = _placed(pose, axes, clamp)
-            if self._has_velocity:
-                velocity = self._velocity_at(axes, clamp, velocity, rates)
-            base = self._moved(last, placed, velocity)
+            moved = self._moved(last, pose, joints, velocity)
         else:
-            base = _at_rest(last[_POSE])
-        motion = _motion_in(base)
-        modal = self._motion.step(modal, motion)
-        discrete_state.set_value(_RODS, np.array(modal + base))
-        forces = self._forces(modal, motion, axes, clamp)
-        for index, force in zip((_WRENCH, _BENDING), forces, strict=True):
+            moved = self._resting(last, pose, joints)
+        if self._has_velocity:
+            modal = self._motion.corrected(modal, moved.motion, _motion_in(last))
+        modal = self._motion.step(modal, moved.motion)
+        discrete_state.set_value(_RODS, np.array(modal + moved.numbers))
+        forces = self._forces(modal, moved.motion, moved.axes, moved.clamp)
+        for index, force in enumerate(forces, start=_RODS + 1):
             if math.isfinite(sum(force)):
                 discrete_state.set_value(index, np.array(force))
 
-    def _moved(self, last: list[float], pose: list[float], velocity: list[float]) -> list[float]:
-        """Numbers of the clamp a period after the last; without a velocity by the way since."""
-        h = self._period
-        if not velocity:
-            x, y, z = last[4:7]
-            turn = quaternions.turn_between(last[:4], pose[:4])
-            way = pose[4] - x, pose[5] - y, pose[6] - z
-            velocity = [change / h for change in (*turn, *way)]
-        gained = zip(velocity, last[_VELOCITY], strict=True)
-        spin_x, spin_y, spin_z, f_x, f_y, f_z = [(now - before) / h for now, before in gained]
-        axes = Axes.from_quaternion(pose[:4])
-        return [
-            *pose,
-            *velocity,
-            1.0,
-            *axes.components((f_x, f_y, f_z + GRAVITY)),
-            *axes.components(velocity[:3]),
-            *axes.components((spin_x, spin_y, spin_z)),
-        ]
+    def _resting(self, last: list[float], pose: list[float], joints: list[float]) -> _Moved:
+        """A clamp that rests where it was, on a base of which no motion is known."""
+        axes = Axes.from_quaternion(pose[:4] if any(pose[:4]) else _AT_ORIGIN[:4])
+        numbers = _at_rest(last[_POSE])
+        return _Moved(axes, self._clamp(joints[: self._count]), numbers, _motion_in(numbers))
 
     def _tip(self, context: Context) -> tuple[Tip, list[float], Vector3]:
         """Tip against a straight rod's, the clamp's pose now, and the tip's place from it."""
@@ -250,7 +243,7 @@ class FlexibleArm(LeafSystem):
             base, joints = read(self._pose, context), read(self._joints, context)
             clamp, rates = self._clamp(joints[: self._count]), joints[self._count :]
             velocity = read(self._velocity, context)
-            velocity = self._velocity_at(Axes.from_quaternion(base[:4]), clamp, velocity, rates)
+            velocity = _velocity_at(Axes.from_quaternion(base[:4]), clamp, velocity, rates)
         else:
             velocity = elements(context.get_discrete_state(_RODS))[self._size :][_VELOCITY]
         axes = Axes.from_quaternion(pose[:4])
@@ -286,6 +279,60 @@ def _placed(pose: Sequence[float], axes: Axes, clamp: _Clamp) -> list[float]:
     *quaternion, x, y, z = pose
     there = plus((x, y, z), axes.in_world(clamp.place))
     return [*quaternions.product(quaternion, clamp.quaternion), *there]
+
+
+def _velocity_at(
+    axes: Axes, clamp: _Clamp, velocity: list[float], rates: list[float]
+) -> list[float]:
+    """Velocity (6) of a clamp in the world."""
+    w_x, w_y, w_z, v_x, v_y, v_z = velocity
+    angular = w_x, w_y, w_z
+    linear = plus((v_x, v_y, v_z), cross(angular, axes.in_world(clamp.place)))
+    if any(rates):
+        own = [sumprod(row, rates) for row in zip(*clamp.columns, strict=True)]
+        angular = plus(angular, axes.in_world(own[:3]))
+        linear = plus(linear, axes.in_world(own[3:]))
+    return [*angular, *linear]
+
+
+def _moved(
+    clamp_on: Callable[[list[float]], _Clamp],
+    period: float,
+    last: list[float],
+    base_pose: list[float],
+    joints: list[float],
+    base_velocity: list[float],
+) -> _Moved:
+    """The clamp a period after the last; without a velocity by the way since.
+
+    Args:
+        clamp_on: clamp by the joints' positions.
+        period: [s].
+        last: numbers of the clamp at the last update, as the state has them.
+        base_pose: pose (7) of the base.
+        joints: positions and rates (2n) of the joints.
+        base_velocity: velocity (6) of the base; empty: unknown.
+    """
+    count = len(joints) // 2
+    axes, clamp = Axes.from_quaternion(base_pose[:4]), clamp_on(joints[:count])
+    pose = _placed(base_pose, axes, clamp)
+    if base_velocity:
+        velocity = _velocity_at(axes, clamp, base_velocity, joints[count:])
+    else:
+        x, y, z = last[4:7]
+        turn = quaternions.turn_between(last[:4], pose[:4])
+        way = pose[4] - x, pose[5] - y, pose[6] - z
+        velocity = [change / period for change in (*turn, *way)]
+    gained = zip(velocity, last[_VELOCITY], strict=True)
+    spin_x, spin_y, spin_z, f_x, f_y, f_z = [(now - before) / period for now, before in gained]
+    own = Axes.from_quaternion(pose[:4])
+    motion = ClampMotion(
+        own.components((f_x, f_y, f_z + GRAVITY)),
+        own.components(velocity[:3]),
+        own.components((spin_x, spin_y, spin_z)),
+    )
+    force, turning, spinning = motion
+    return _Moved(axes, clamp, [*pose, *velocity, 1.0, *force, *turning, *spinning], motion)
 
 
 def _at_rest(clamp: list[float], is_known: bool = True) -> list[float]:

@@ -107,6 +107,7 @@ class RodMotion:
         steps = np.linalg.solve(np.vander(nodes, increasing=True), steps.reshape(len(nodes), -1))
         self._flat, self._shape = steps, (4 * n, steps.shape[1] // (4 * n))
         self._forms = _forms_of(rod)
+        self._by_half = _exact_step(rod, 0.5 * period, 0.0)[:, 4 * n : 4 * n + 4].tolist()
         self._at_tip = [at(rod.length).tolist() for at in (rod.shape, rod.slope)]
         self._rows = range(_SUMS, _SUMS + 6 * n, 2 * n)
         self._shortening = rod.shortening.tolist()
@@ -120,6 +121,15 @@ class RodMotion:
         """State (4n) at rest under a specific force (3) along the clamp's axes [m/s^2]."""
         rests = [self.rod.rest(force[plane], force[2], plane).tolist() for plane in range(2)]
         return rests[0] + rests[1] + [0.0] * (2 * self._n)
+
+    def corrected(self, state: State, motion: ClampMotion, assumed: ClampMotion) -> State:
+        """State after half a step in a motion, from that after half a step in an assumed one.
+
+        To first order in what the clamp's acceleration differs by.
+        """
+        pairs = zip(_across(motion), _across(assumed), strict=True)
+        gained = [a - b for is_so, thought in pairs for a, b in zip(is_so, thought, strict=True)]
+        return [q + sumprod(row, gained) for q, row in zip(state, self._by_half, strict=True)]
 
     def step(self, state: State, motion: ClampMotion) -> State:
         """State one period later, in a constant motion of the clamp."""
@@ -244,6 +254,11 @@ class RodMotion:
         return numbers + [inwards * q for q in state[: 2 * n]]
 
 
+def longest_period(rod: FlexibleRod) -> float:
+    """Longest period that carries all modes of a rod [s]."""
+    return _LARGEST_ANGLE / float(rod.frequencies.max())
+
+
 def check_rod(rod: FlexibleRod, period: float) -> None:
     """Refuses a rod that does not stand upright, and modes above what a period can carry.
 
@@ -265,11 +280,10 @@ def check_rod(rod: FlexibleRod, period: float) -> None:
     if carried < rod.modes:
         hertz = fastest / (2.0 * math.pi)
         fewer = f"at most {carried} modes, or " if carried else ""
-        longest = _LARGEST_ANGLE / fastest[-1]
         raise ValueError(
             f"modes = {rod.modes}: mode {carried + 1} of the rod has {hertz[carried]:.3g} Hz, "
             f"more than a period of {period:g} s carries; {fewer}a period of at most "
-            f"{longest:.2g} s would do"
+            f"{longest_period(rod):.2g} s would do"
         )
 
 

@@ -324,6 +324,8 @@ def _by_inertia(inertia: tuple[float, ...], vector: Vector3) -> Vector3:
 
 def rotated(rotation: Rotation, vector: Vector3) -> Vector3:
     """A vector turned by a rotation, which is given by its rows."""
+    if rotation is _SAME or vector is _ORIGIN:
+        return vector
     (a, b, c), (d, e, f), (g, h, i) = rotation
     x, y, z = vector
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z

@@ -46,16 +46,16 @@ def of_axes(axes: Sequence[Sequence[float]]) -> Quaternion:
     """
     (a, d, g), (b, e, h), (c, f, i) = axes
     squares = (a + e + i, a - e - i, e - a - i, i - a - e)
-    largest = max(range(4), key=squares.__getitem__)
-    twice = math.sqrt(1.0 + squares[largest])
-    by = 0.5 / twice
-    rows = (
-        (0.5 * twice, (h - f) * by, (c - g) * by, (d - b) * by),
-        ((h - f) * by, 0.5 * twice, (b + d) * by, (c + g) * by),
-        ((c - g) * by, (b + d) * by, 0.5 * twice, (f + h) * by),
-        ((d - b) * by, (c + g) * by, (f + h) * by, 0.5 * twice),
-    )
-    return rows[largest]
+    largest = max(squares)
+    twice = math.sqrt(1.0 + largest)
+    by, half = 0.5 / twice, 0.5 * twice
+    if largest == squares[0]:
+        return half, (h - f) * by, (c - g) * by, (d - b) * by
+    if largest == squares[1]:
+        return (h - f) * by, half, (b + d) * by, (c + g) * by
+    if largest == squares[2]:
+        return (c - g) * by, (b + d) * by, half, (f + h) * by
+    return (d - b) * by, (c + g) * by, (f + h) * by, half
 
 
 def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:

@@ -137,3 +137,18 @@ def test_modes_that_the_period_cannot_carry_are_refused_with_their_key(setting, 
     with pytest.raises(ScenarioError, match=words) as refusal:
         Platform("kinematic", setting)
     assert refusal.value.key == "machine.arm.modes"
+
+
+@pytest.mark.parametrize(
+    ("settings", "period"),
+    [
+        (("plant.time_step=0.001",), 0.01),
+        (("plant.time_step=0.003",), 0.009),
+        (("plant.time_step=0.001", "machine.arm.modes=3"), 0.004),
+    ],
+)
+def test_rod_on_bodies_takes_the_longest_steps_that_carry_its_modes(settings, period):
+    platform = Platform("multibody", *settings)
+    rod = platform.station.GetSubsystemByName("flexible_arm")
+    ticks = rod.GetUniquePeriodicDiscreteUpdateAttribute()
+    assert ticks.period_sec() == pytest.approx(period)

@@ -169,6 +169,31 @@ def test_error_halves_with_the_period(has_velocity):
         assert coarse / fine == pytest.approx(2.0, rel=0.15)
 
 
+def test_with_velocities_the_rod_is_that_of_the_middle_between_updates():
+    def modal_at(instants, period):
+        builder = DiagramBuilder()
+        base = builder.AddSystem(Leaning(has_joints=False))
+        begins = pose_of(place=(0.3, 0.0, 1.0))
+        arm = builder.AddSystem(FlexibleArm(ROD, period, base_pose=begins))
+        for name in ("base_pose", "base_velocity", "joint_state"):
+            builder.Connect(base.GetOutputPort(name), arm.GetInputPort(name))
+        simulator, shown = Simulator(builder.Build()), []
+        context = simulator.get_context()
+        for instant in instants:
+            simulator.AdvanceTo(instant)
+            port = arm.GetOutputPort("modal_state")
+            shown.append(port.Eval(arm.GetMyContextFromRoot(context)).copy())
+        return np.array(shown)
+
+    for period in (8e-3, 4e-3):
+        middles = (0.5 + np.arange(1, round(1.6 / period))) * period
+        shown = modal_at(middles, period)
+        # Middles of some of the short steps, too.
+        exact = modal_at(middles, period / 41)
+        half_a_period_s_way = 0.5 * np.abs(np.diff(exact, axis=0))[:, :4].max()
+        assert np.abs(shown - exact)[:, :4].max() < 0.2 * half_a_period_s_way
+
+
 @pytest.mark.parametrize("has_velocity", [True, False])
 def test_clamp_that_a_joint_moves_is_as_one_that_the_base_moves(has_velocity):
     by_base, by_joint = (lean(1e-3, has_velocity, joints) for joints in (False, True))

@@ -146,6 +146,18 @@ def test_a_step_is_as_two_of_half_its_length():
     np.testing.assert_allclose(whole.step(state, motion), twice, rtol=1e-9, atol=1e-13)
 
 
+def test_half_a_step_in_an_assumed_motion_is_corrected_by_what_it_was():
+    force = leaning(0.7, 0.2)
+    whole, half = RodMotion(ROD, 0.01), RodMotion(ROD, 0.005)
+    state = [0.05, 0.001, 0.02, 0.0, 0.1, 0.2, -0.3, 0.1]
+    assumed = ClampMotion(force)
+    motion = ClampMotion((force[0] + 0.3, force[1] - 0.2, force[2]), spinning=(0.5, -0.4, 0.0))
+    right = half.step(state, motion)
+    wrong = half.step(state, assumed)
+    left = np.subtract(whole.corrected(wrong, motion, assumed), right)
+    assert np.abs(left).max() < 1e-3 * np.abs(np.subtract(wrong, right)).max()
+
+
 def test_rest_stays_at_rest_and_is_the_sag():
     force = leaning(1.1, -2.0)
     system = RodMotion(ROD, PERIOD)
