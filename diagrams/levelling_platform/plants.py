@@ -484,7 +484,7 @@ def _add_loads(
     motion = plant.motion()
     loads: list[FlexibleArm | ExternalLoad] = []
     if motion.joint_state is not None:
-        rod = add_tip(simulation, scenario, motion, step)
+        rod = add_tip(simulation, scenario, motion, step, disturbances)
         if rod is not None:
             loads.append(rod)
             plant.bend(rod)

@@ -139,6 +139,7 @@ def add_tip(
     scenario: LevellingScenario,
     motion: ArmMotion,
     step: float,
+    disturbances: Disturbances,
 ) -> FlexibleArm | None:
     """Adds truth about an arm's tip and, if the arm has one, its rod that bends: returns it.
 
@@ -147,6 +148,7 @@ def add_tip(
         scenario: the scenario to build.
         motion: motion of platform and arm.
         step: step of the plant [s]; a rod's step is some of these.
+        disturbances: their payload is taken by a rod that bends.
 
     Raises:
         ScenarioError: modes above what the period carries.
@@ -172,9 +174,9 @@ def add_tip(
     period = max(1, int(longest / step + _ROUNDED)) * step
     try:
         bends = (
-            FlexibleArm(rod, period, arm, begins, "velocity", ["bending_force"])
+            FlexibleArm(rod, period, arm, begins, "velocity", ["bending_force"], disturbances.mass)
             if is_moving
-            else FlexibleArm(rod, period, arm, begins, "pose", ["wrench"])
+            else FlexibleArm(rod, period, arm, begins, "pose", ["wrench"], disturbances.mass)
         )
     except ValueError as error:
         raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
@@ -183,6 +185,8 @@ def add_tip(
     connect(builder, motion.joint_state, bends.GetInputPort("joint_state"))
     if motion.platform_velocity is not None:
         connect(builder, motion.platform_velocity, bends.GetInputPort("base_velocity"))
+    if disturbances.payload is not None:
+        connect(builder, disturbances.payload, bends.GetInputPort("payload"))
 
     def put(root_context: Context, beginning: Beginning) -> None:
         bends.set_rest(bends.GetMyMutableContextFromRoot(root_context), pose_at(beginning))

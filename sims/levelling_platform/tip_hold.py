@@ -50,8 +50,8 @@ from parapod.systems.levelling_platform.pointing import TipScript
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Largest distance of the tip from its point once it has come back [mm]: errors of legs and sensors,
-# and what feet slip and roll meanwhile.
+# Largest distance of the tip from its point once it has come back [mm]: errors of legs and of
+# sensors, and what feet slip and roll meanwhile.
 _BOUND = 10.0
 # Time over which the place of the tip is averaged, longer than a turn of its vibration [s].
 _AVERAGED = 0.6
@@ -302,7 +302,9 @@ def _draw(scenario: TipHoldScenario, run: Run, canvas: "Canvas") -> None:
         )
     upper.set_ylabel("distance [mm]")
     upper.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    middle.plot(run.time, 1e3 * run["truth.extension"], linewidth=1.2)
+    for leg, extension in enumerate(1e3 * run["truth.extension"].T, start=1):
+        middle.plot(run.time, extension, label=f"leg {leg}", linewidth=1.2)
+    middle.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     for end in (geometry.extension_min, geometry.extension_max):
         middle.axhline(1e3 * end, color="0.5", linewidth=0.8, linestyle="--")
     middle.set_ylabel("extension [mm]")

@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import sumprod
 from typing import Literal, NamedTuple
 
@@ -11,14 +12,14 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
-from parapod.systems.arm.rod_motion import ClampMotion, RodMotion, Tip
+from parapod.systems.arm.rod_motion import NO_FORCE, ClampMotion, RodMotion, Tip
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core import quaternions
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import elements, read
+from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.core.triples import Vector3, cross, plus
-from parapod.systems.core.vectors import Axes
+from parapod.systems.core.triples import Vector3, cross, minus, plus
+from parapod.systems.core.vectors import Array, Axes
 
 _UPWARDS = (0.0, 0.0, GRAVITY)  # specific force of what is at rest [m/s^2]
 _STILL = (0.0, 0.0, 0.0)
@@ -26,10 +27,11 @@ _STILL = (0.0, 0.0, 0.0)
 _AT_ORIGIN = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ABSURD = 1e12  # sum of squares of numbers that no base's motion has
 # First group of the discrete state, and its numbers behind those of the modes: pose (7) and
-# velocity (6) of the clamp at the last update, whether they are known (1), and its motion (9) in
-# the last step.
+# velocity (6) of the clamp at the last update, whether they are known (1), its motion and the
+# force at the tip (12) in the last step, and whether the tip has its payload (1).
 _RODS = 0
-_POSE, _VELOCITY, _IS_KNOWN, _MOTION = slice(0, 7), slice(7, 13), 13, slice(14, 23)
+_POSE, _VELOCITY, _IS_KNOWN, _MOTION = slice(0, 7), slice(7, 13), 13, slice(14, 26)
+_IS_LOADED = 26
 type Force = Literal["wrench", "bending_force"]
 
 
@@ -62,6 +64,7 @@ class FlexibleArm(LeafSystem):
     | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the arm's base |
     | in `base_velocity` | 6 | rad/s, m/s | its velocity, as far as `base_motion` says |
     | in `joint_state` | 2n | rad or m, and per s | positions and rates of the arm's joints |
+    | in `payload` | 1 | kg | part of a payload's mass that the tip bears; unconnected: 0 |
     | out `tip_pose` | 7 | -, m | quaternion and place of the tip |
     | out `tip_velocity` | 6 | rad/s, m/s | its angular and linear velocity |
     | out `clamp_pose` | 7 | -, m | quaternion and place of the rod's clamp |
@@ -84,10 +87,15 @@ class FlexibleArm(LeafSystem):
     to a plant until the next one are those of the time between, without a delay; it goes this
     half as the clamp moved before, and is corrected once that motion is known.
 
+    While `payload` is above zero all of the payload moves with the tip, and a force bears the rest
+    of its weight: the rod has other modes then, into which its deflection is carried over.
+    `modal_state` is in those of the rod without it.
+
     State: discrete, modal coordinates and their rates (4m), pose (7) and velocity (6) of the clamp
-    at the last update, whether they are known (1), its motion (9) in the last step; the forces
-    that there are; updated every period. It begins at rest, sagging under its weight, on
-    `base_pose` with the joints at zero; without one on the first pose that it is shown.
+    at the last update, whether they are known (1), its motion and the force at the tip (12) in the
+    last step, whether the tip has a payload (1); the forces that there are; updated every period.
+    It begins at rest, sagging under its weight, on `base_pose` with the joints at zero; without
+    one on the first pose that it is shown.
 
     Bad input: with a pose, velocity or joint that is not finite, or absurd, the clamp is taken to
     rest where it was; poses and velocity of clamp and of the tip are not finite either.
@@ -101,6 +109,7 @@ class FlexibleArm(LeafSystem):
         base_pose: ArrayLike | None = None,
         base_motion: Literal["pose", "velocity"] = "velocity",
         forces: Sequence[Force] = ("wrench", "bending_force"),
+        payload: float = 0.0,
     ):
         """Creates the system.
 
@@ -111,6 +120,7 @@ class FlexibleArm(LeafSystem):
             base_pose: pose (7) of the base in a default context; None: unknown.
             base_motion: inputs that are read: the base's pose alone, or with its velocity.
             forces: outputs on a plant: each costs what it takes to work it out at every step.
+            payload: mass of the payload that the tip may take [kg].
 
         Raises:
             ValueError: a rod that buckles under its own weight, or a mode above what the period
@@ -119,7 +129,16 @@ class FlexibleArm(LeafSystem):
         super().__init__()
         self.set_name("flexible_arm")
         self.rod = rod
-        self._motion, self._period, self._size = RodMotion(rod, period), period, 4 * rod.modes
+        self._period, self._size, self._payload = period, 4 * rod.modes, payload
+        self._motion = self._loaded = RodMotion(rod, period)
+        self._carried_over: list[Array] = []
+        if payload > 0.0:
+            loaded = replace(rod, tip_mass=rod.tip_mass + payload)
+            self._loaded = RodMotion(loaded, period)
+            self._carried_over = [
+                np.asarray(np.kron(np.eye(4), one.coordinates_from(other)), dtype=float)
+                for one, other in ((rod, loaded), (loaded, rod))
+            ]
         self._count, self._has_velocity = arm.count, base_motion == "velocity"
         self._clamp = Remembered(functools.partial(_clamp_on, SerialArm(arm.joints, arm.links)))
         self._moved = functools.partial(_moved, self._clamp, period)
@@ -127,6 +146,7 @@ class FlexibleArm(LeafSystem):
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
         self._velocity = self.DeclareVectorInputPort("base_velocity", 6)
         self._joints = self.DeclareVectorInputPort("joint_state", 2 * arm.count)
+        self._mass = self.DeclareVectorInputPort("payload", 1)
         is_known = base_pose is not None
         pose = np.asarray(base_pose, dtype=float).tolist() if is_known else list(_AT_ORIGIN)
         groups = self._rest(pose, [0.0] * arm.count, is_known=is_known)
@@ -167,13 +187,23 @@ class FlexibleArm(LeafSystem):
         axes, clamp = Axes.from_quaternion(pose[:4]), self._clamp(position)
         base = _at_rest(_placed(pose, axes, clamp), is_known)
         modal = self._motion.rest(base[_MOTION][:3])
-        return [modal + base, *self._forces(modal, _motion_in(base), axes, clamp)]
+        return [modal + base, *self._forces(self._motion, modal, _motion_in(base), axes, clamp)]
 
     def _forces(
-        self, modal: list[float], motion: ClampMotion, axes: Axes, clamp: _Clamp
+        self,
+        rod: RodMotion,
+        modal: list[float],
+        motion: ClampMotion,
+        axes: Axes,
+        clamp: _Clamp,
     ) -> list[list[float]]:
         """Numbers of the forces that there are."""
-        moment, force = map(clamp.axes.in_world, self._motion.bending_wrench(modal, motion))
+        moment, force = map(clamp.axes.in_world, rod.bending_wrench(modal, motion))
+        if rod is not self._motion:
+            # A plant's rigid rod has no payload.
+            pairs = zip(rod.rigid_wrench(motion), self._motion.rigid_wrench(motion), strict=True)
+            more_moment, more = (clamp.axes.in_world(minus(a, b)) for a, b in pairs)
+            moment, force = plus(moment, more_moment), plus(force, more)
         about_base = plus(moment, cross(clamp.place, force))
         forces = []
         for name in self._force_names:
@@ -204,14 +234,38 @@ class FlexibleArm(LeafSystem):
             moved = self._moved(last, pose, joints, velocity)
         else:
             moved = self._resting(last, pose, joints)
+        rod = self._rod(last)
         if self._has_velocity:
-            modal = self._motion.corrected(modal, moved.motion, _motion_in(last))
-        modal = self._motion.step(modal, moved.motion)
+            modal = rod.corrected(modal, moved.motion, _motion_in(last))
+        if self._payload:
+            rod, modal, moved = self._with_payload(context, rod, modal, moved)
+        modal = rod.step(modal, moved.motion)
         discrete_state.set_value(_RODS, np.array(modal + moved.numbers))
-        forces = self._forces(modal, moved.motion, moved.axes, moved.clamp)
+        forces = self._forces(rod, modal, moved.motion, moved.axes, moved.clamp)
         for index, force in enumerate(forces, start=_RODS + 1):
             if math.isfinite(sum(force)):
                 discrete_state.set_value(index, np.array(force))
+
+    def _rod(self, base: list[float]) -> RodMotion:
+        """The rod, with the payload if the tip has it."""
+        return self._loaded if base[_IS_LOADED] > 0.5 else self._motion
+
+    def _with_payload(
+        self, context: Context, rod: RodMotion, modal: list[float], moved: _Moved
+    ) -> tuple[RodMotion, list[float], _Moved]:
+        """Rod, modal coordinates and motion, with the payload if the tip has it now."""
+        (borne,) = read_or_zeros(self._mass, context)
+        is_loaded = borne > 0.0
+        now = self._loaded if is_loaded else self._motion
+        if now is not rod:
+            modal = (self._carried_over[int(is_loaded)] @ np.array(modal)).tolist()
+        numbers, motion = moved.numbers, moved.motion
+        if is_loaded:
+            lift = GRAVITY * max(self._payload - borne, 0.0)
+            force = Axes.from_quaternion(numbers[:4]).components((0.0, 0.0, lift))
+            numbers = [*numbers[: _MOTION.stop - 3], *force, 1.0]
+            motion = motion._replace(tip_force=force if lift else NO_FORCE)
+        return now, modal, moved._replace(numbers=numbers, motion=motion)
 
     def _resting(self, last: list[float], pose: list[float], joints: list[float]) -> _Moved:
         """A clamp that rests where it was, on a base of which no motion is known."""
@@ -221,10 +275,15 @@ class FlexibleArm(LeafSystem):
 
     def _tip(self, context: Context) -> tuple[Tip, list[float], Vector3]:
         """Tip against a straight rod's, the clamp's pose now, and the tip's place from it."""
-        state = elements(context.get_discrete_state(_RODS))
-        tip = self._motion.tip(state[: self._size], _motion_in(state[self._size :]))
+        tip = self._bent_tip(context)
         x, y, z = tip.place
         return tip, self._pose_now(context), (x, y, z + self.rod.length)
+
+    def _bent_tip(self, context: Context) -> Tip:
+        """Tip against a straight rod's."""
+        state = elements(context.get_discrete_state(_RODS))
+        modal, base = state[: self._size], state[self._size :]
+        return self._rod(base).tip(modal, _motion_in(base))
 
     def _pose_now(self, context: Context) -> list[float]:
         """Pose (7) of the clamp."""
@@ -257,13 +316,14 @@ class FlexibleArm(LeafSystem):
         output.SetFromVector(np.array(self._pose_now(context)))
 
     def _calc_deflection(self, context: Context, output: BasicVector) -> None:
-        state = elements(context.get_discrete_state(_RODS))
-        tip = self._motion.tip(state[: self._size], _motion_in(state[self._size :]))
-        output.SetFromVector(np.array(tip.place))
+        output.SetFromVector(np.array(self._bent_tip(context).place))
 
     def _calc_modal_state(self, context: Context, output: BasicVector) -> None:
         state = elements(context.get_discrete_state(_RODS))
-        output.SetFromVector(np.array(state[: self._size]))
+        modal = np.array(state[: self._size])
+        if self._rod(state[self._size :]) is not self._motion:
+            modal = self._carried_over[0] @ modal
+        output.SetFromVector(modal)
 
 
 def _clamp_on(arm: SerialArm, position: list[float]) -> _Clamp:
@@ -331,17 +391,20 @@ def _moved(
         own.components(velocity[:3]),
         own.components((spin_x, spin_y, spin_z)),
     )
-    force, turning, spinning = motion
-    return _Moved(axes, clamp, [*pose, *velocity, 1.0, *force, *turning, *spinning], motion)
+    force, turning, spinning, _ = motion
+    numbers = [*pose, *velocity, 1.0, *force, *turning, *spinning, *NO_FORCE, 0.0]
+    return _Moved(axes, clamp, numbers, motion)
 
 
 def _at_rest(clamp: list[float], is_known: bool = True) -> list[float]:
     """Numbers of a clamp that rests at a pose (7)."""
     force = Axes.from_quaternion(clamp[:4]).components(_UPWARDS)
-    return [*clamp, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL]
+    return [*clamp, *_STILL, *_STILL, float(is_known), *force, *_STILL, *_STILL, *NO_FORCE, 0.0]
 
 
 def _motion_in(base: list[float]) -> ClampMotion:
     """Motion of the clamp in the last step."""
-    f_x, f_y, f_z, w_x, w_y, w_z, a_x, a_y, a_z = base[_MOTION]
-    return ClampMotion((f_x, f_y, f_z), (w_x, w_y, w_z), (a_x, a_y, a_z))
+    f_x, f_y, f_z, w_x, w_y, w_z, a_x, a_y, a_z, *at_tip = base[_MOTION]
+    p_x, p_y, p_z = at_tip
+    tip_force = (p_x, p_y, p_z) if any(at_tip) else NO_FORCE
+    return ClampMotion((f_x, f_y, f_z), (w_x, w_y, w_z), (a_x, a_y, a_z), tip_force)

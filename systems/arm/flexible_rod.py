@@ -189,6 +189,39 @@ class FlexibleRod:
             ]
         )
 
+    @cached_property
+    def tip_residual(self) -> Array:
+        """Static deflection [m] and slope [rad] that modes leave out (2, 2), by a tip's force.
+
+        Rows for the planes of x and y; for a unit of force across at the tip [N].
+        """
+        long = self.length
+        at_tip = np.stack([self.shape(long), self.slope(long)])
+        return np.stack(
+            [
+                np.array([long**3 / 3.0, long**2 / 2.0]) / stiffness
+                - (at_tip / omega**2) @ self.shape(long)
+                for stiffness, omega in zip(self.bending_stiffness, self.frequencies, strict=True)
+            ]
+        )
+
+    def coordinates_from(self, other: "FlexibleRod") -> Array:
+        """Matrix (n, n) to coordinates of this rod's modes from those of another.
+
+        Both have one length and one distribution of mass but at the tip; deflections are alike in
+        the mean over this rod's mass.
+
+        Args:
+            other: the other rod.
+        """
+        size = (self.modes, other.modes)
+        both = self._over_mass(
+            lambda z: (
+                self.shape(z)[..., :, np.newaxis] * other.shape(z)[..., np.newaxis, :]
+            ).reshape(*np.shape(z), -1)
+        )
+        return both.reshape(size)
+
     def rest(self, across: float, along: float, plane: int) -> Array:
         """Modal coordinates (n) at rest under a constant specific force.
 

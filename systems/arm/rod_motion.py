@@ -30,6 +30,7 @@ from scipy.linalg import expm  # type: ignore[import-untyped]
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.core.elementwise import Elementwise, sin_cos
 from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.triples import cross, plus
 from parapod.systems.core.vectors import Array
 
 type Vector3 = tuple[Elementwise, Elementwise, Elementwise]
@@ -43,18 +44,24 @@ _LARGEST_ALONG, _SHARE_OF_BUCKLING = 50.0, 0.8
 _DEGREE = 7
 
 
+NO_FORCE: Vector3 = (0.0, 0.0, 0.0)
+
+
 class ClampMotion(NamedTuple):
-    """Motion of the clamp, along its own axes.
+    """Motion of the clamp, along its own axes, and a force at the tip.
 
     Attributes:
         force: specific force, acceleration less gravity (3) [m/s^2].
         turning: angular velocity (3) [rad/s].
         spinning: angular acceleration (3) [rad/s^2].
+        tip_force: force on the tip (3) along the same axes [N]; `NO_FORCE`, that very tuple, for
+            none. Its part along the rod does not soften it.
     """
 
     force: Vector3
     turning: Vector3 = (0.0, 0.0, 0.0)
     spinning: Vector3 = (0.0, 0.0, 0.0)
+    tip_force: Vector3 = NO_FORCE
 
 
 class Tip(NamedTuple):
@@ -111,7 +118,7 @@ class RodMotion:
         self._at_tip = [at(rod.length).tolist() for at in (rod.shape, rod.slope)]
         self._rows = range(_SUMS, _SUMS + 6 * n, 2 * n)
         self._shortening = rod.shortening.tolist()
-        self._residual = rod.residual.tolist()
+        self._residual, self._tip_residual = rod.residual.tolist(), rod.tip_residual.tolist()
         per_length, long = rod.mass / rod.length, rod.length
         self._mass = rod.mass + rod.tip_mass
         self._first = 0.5 * per_length * long**2 + rod.tip_mass * long
@@ -156,6 +163,10 @@ class RodMotion:
             (by_force, by_turn), (slope_force, slope_turn) = self._residual[plane]
             places.append(sumprod(shape, q) + by_force * across + by_turn * growth)
             turns.append(sumprod(slope, q) + slope_force * across + slope_turn * growth)
+            if motion.tip_force is not NO_FORCE:
+                by_place, by_slope = self._tip_residual[plane]
+                places[plane] += by_place * motion.tip_force[plane]
+                turns[plane] += by_slope * motion.tip_force[plane]
             rates.append(sumprod(shape, rate))
             spins.append(sumprod(slope, rate))
             for row, a, v in zip(self._shortening, q, rate, strict=True):
@@ -171,7 +182,7 @@ class RodMotion:
 
     def rigid_wrench(self, motion: ClampMotion) -> tuple[Vector3, Vector3]:
         """Moment about the clamp [N m] and force [N] of a rigid rod, along the clamp's axes."""
-        (f_x, f_y, f_z), (w_x, w_y, _), _ = motion
+        (f_x, f_y, f_z), (w_x, w_y, _), _, _ = motion
         (_, by_x), (_, by_y) = _across(motion)
         m, first, second = self._mass, self._first, self._second
         force = (
@@ -182,9 +193,9 @@ class RodMotion:
         return (first * f_y + second * by_y, -first * f_x - second * by_x, 0.0 * f_x), force
 
     def bending_wrench(self, state: State, motion: ClampMotion) -> tuple[Vector3, Vector3]:
-        """The same of the rod as it bends, less that of a rigid one."""
+        """The same of the rod as it bends, less that of a rigid one; with a force at the tip."""
         n, half = self._n, 2 * self._n
-        (f_x, f_y, f_z), (w_x, w_y, w_z), (a_x, a_y, a_z) = motion
+        (f_x, f_y, f_z), (w_x, w_y, w_z), (a_x, a_y, a_z), at_tip = motion
         twice, q, rates = 2.0 * w_z, state[:half], state[half:]
         numbers = state + self._loads(state, motion)
         numbers += [twice * v for v in rates[n:]] + [-twice * v for v in rates[:n]]
@@ -222,6 +233,10 @@ class RodMotion:
             + w_y * i_x
             - about,
         )
+        if at_tip is not NO_FORCE:
+            shape, _ = self._at_tip
+            place = sumprod(shape, q[:n]), sumprod(shape, q[n:]), self.rod.length
+            force, moment = plus(force, at_tip), plus(moment, cross(place, at_tip))
         return moment, force
 
     def energy(self, state: State, force: Sequence[float]) -> float:
@@ -249,8 +264,13 @@ class RodMotion:
         by_x, by_y, inwards = yy + zz, xx + zz, -xx - yy
         (across_x, growth_x), (across_y, growth_y) = _across(motion)
         numbers = [across_x, growth_x, across_y, growth_y]
-        numbers += [by_x * q + (a_z - xy) * p for q, p in zip(x, y, strict=True)]
-        numbers += [by_y * p - (a_z + xy) * q for q, p in zip(x, y, strict=True)]
+        along_x = [by_x * q + (a_z - xy) * p for q, p in zip(x, y, strict=True)]
+        along_y = [by_y * p - (a_z + xy) * q for q, p in zip(x, y, strict=True)]
+        if motion.tip_force is not NO_FORCE:
+            shape, (push_x, push_y, _) = self._at_tip[0], motion.tip_force
+            along_x = [load + phi * push_x for load, phi in zip(along_x, shape, strict=True)]
+            along_y = [load + phi * push_y for load, phi in zip(along_y, shape, strict=True)]
+        numbers += along_x + along_y
         return numbers + [inwards * q for q in state[: 2 * n]]
 
 
@@ -336,7 +356,7 @@ def _forms_of(rod: FlexibleRod) -> Array:
 
 def _across(motion: ClampMotion) -> tuple[tuple[Elementwise, Elementwise], ...]:
     """For both planes the clamp's acceleration across the rod, and its growth along it."""
-    (f_x, f_y, _), (w_x, w_y, w_z), (a_x, a_y, _) = motion
+    (f_x, f_y, _), (w_x, w_y, w_z), (a_x, a_y, _), _ = motion
     return (f_x, a_y + w_x * w_z), (f_y, w_y * w_z - a_x)
 
 

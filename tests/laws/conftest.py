@@ -479,7 +479,7 @@ ENTRIES: dict[str, Entry] = {
             "rod": FlexibleRod(bending_stiffness=(200.0, 150.0), modes=1),
             "arm": PAPER_ARM,
         },
-        variants=({"base_motion": "pose"}, {"base_pose": UPRIGHT}),
+        variants=({"base_motion": "pose"}, {"base_pose": UPRIGHT}, {"payload": 0.5}),
         inputs={"base_velocity": around(0.0, 0.2), "joint_state": around(0.0, 0.2)},
         passes={"the tip are not finite either": "tip_pose tip_velocity clamp_pose"},
         shares=True,
