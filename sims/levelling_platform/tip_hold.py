@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from pydrake.systems.framework import Context, EventStatus
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.levelling_platform.disturbances import Disturbance, Payload
+from parapod.diagrams.levelling_platform.disturbances import Payload
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.pointing import carried_arm, make_pointing_controller
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -153,7 +153,7 @@ class TipHold(LoopExperiment[TipHoldScenario, Run]):
         distance, bound = 1e3 * _distance(run), _BOUND * scenario.machine.size
         windows = _windows(scenario, run)
         # The average at the end of each window.
-        rests = [float(distance[window][-1]) for _, window in windows]
+        rests = [float(distance[window.samples][-1]) for window in windows]
         yield Metric(
             "tip_error_mm",
             max(rests),
@@ -164,13 +164,13 @@ class TipHold(LoopExperiment[TipHoldScenario, Run]):
         )
         yield Metric(
             "recovery_s",
-            float(np.max([_recovery(run, distance, window, bound) for _, window in windows])),
+            float(np.max([_recovery(run, distance, window, bound) for window in windows])),
             "s",
             meaning="time from a disturbance until the tip, averaged, stays within the bound of "
             "its error, the longest",
             undefined="the tip did not come back before the next disturbance",
         )
-        first = windows[0][1].start
+        first = windows[0].samples.start
         yield Metric(
             "excursion_mm",
             1e3 * float(_away(run)[first:].max()),
@@ -234,23 +234,35 @@ def _samples(run: Run) -> int:
     return max(1, round(_AVERAGED / float(np.median(np.diff(run.time)))))
 
 
-def _windows(scenario: TipHoldScenario, run: Run) -> list[tuple[Disturbance, slice]]:
-    """Disturbances in the order of time, and the samples up to the next one."""
-    order = sorted(scenario.disturbances, key=lambda each: each.at)
-    starts = np.searchsorted(run.time, [each.at for each in order]).tolist()
+class _Window(NamedTuple):
+    """Time from some disturbances to the next ones."""
+
+    kinds: list[str]
+    begin: float  # [s]
+    samples: slice
+
+
+def _windows(scenario: TipHoldScenario, run: Run) -> list[_Window]:
+    """The times after disturbances, in their order; those at one time have one."""
+    kinds: dict[float, list[str]] = {}
+    for each in sorted(scenario.disturbances, key=lambda each: each.at):
+        kinds.setdefault(each.at, []).append(type(each).tag().lower())
+    starts = np.searchsorted(run.time, list(kinds)).tolist()
     ends = [*starts[1:], len(run.time)]
     return [
-        (each, slice(start, end)) for each, start, end in zip(order, starts, ends, strict=True)
+        _Window(names, begin, slice(start, end))
+        for (begin, names), start, end in zip(kinds.items(), starts, ends, strict=True)
     ]
 
 
-def _recovery(run: Run, distance: NDArray[np.float64], window: slice, bound: float) -> float:
+def _recovery(run: Run, distance: NDArray[np.float64], window: _Window, bound: float) -> float:
     """Time from the beginning of a window until the distance stays below a bound; NaN: never."""
-    beyond = np.flatnonzero(~(distance[window] < bound))
+    start, stop = window.samples.start, window.samples.stop
+    beyond = np.flatnonzero(~(distance[start:stop] < bound))
     if not beyond.size:
         return 0.0
-    last = window.start + int(beyond[-1]) + 1
-    return float(run.time[last] - run.time[window.start]) if last < window.stop else math.nan
+    last = start + int(beyond[-1]) + 1
+    return float(run.time[last] - run.time[start]) if last < stop else math.nan
 
 
 def _watch(scenario: TipHoldScenario, loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
@@ -287,13 +299,12 @@ def _draw(scenario: TipHoldScenario, run: Run, canvas: "Canvas") -> None:
     begin = min(each.at for each in scenario.disturbances) - 5.0
     beyond = run.time > begin
     upper.set_ylim(0.0, 1.1e3 * float(np.nanmax(_away(run)[beyond])))
-    for each, window in _windows(scenario, run):
-        name = type(each).tag().lower()
+    for window in _windows(scenario, run):
         for axes in (upper, middle, lower):
-            axes.axvline(each.at, color="0.75", linewidth=0.8, zorder=0)
-        at: Any = (run.time[window.start], 1.0)
+            axes.axvline(window.begin, color="0.75", linewidth=0.8, zorder=0)
+        at: Any = (window.begin, 1.0)
         upper.annotate(
-            name,
+            ", ".join(window.kinds),
             at,
             xytext=(3, -10),
             xycoords=("data", "axes fraction"),

@@ -23,7 +23,7 @@ class ExternalLoad(LeafSystem):
     |---|---|---|---|
     | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the base |
     | in `joint_state` | 2n | rad or m, and per s | positions and rates; unconnected: zero |
-    | in `pushes` | 6k | N m, N | moment and force of each push, by the world's axes |
+    | in `pushes` | 6k | N m, N | moment and force of each, by the world's axes; unconnected: 0 |
     | in `payload` | 1 | kg | mass whose weight the tip bears; unconnected: 0 |
     | out `wrench` | 6 | N m, N | all of it about the base, by the base's axes |
     | out `applied_force` | m | N m, N | the same along the velocities, m = 6 + n |
@@ -64,7 +64,7 @@ class ExternalLoad(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         axes = Axes.from_quaternion(read(self._pose, context)[:4])
-        pushes = read(self._pushes, context)
+        pushes = read_or_zeros(self._pushes, context)
         moment, force = _NONE, _NONE
         for i, place in enumerate(self._places):
             m_x, m_y, m_z, *push = pushes[6 * i : 6 * i + 6]

@@ -224,7 +224,7 @@ _PARTS = (
         "tip-hold",
         quick=(
             "backend=kinematic",
-            "disturbances=[!Subsidence {at: 15, foot: 4}, !Payload {at: 22}]",
+            "disturbances=[!Subsidence {at: 15, foot: 3}, !Payload {at: 22}]",
             "hold.end_s=32",
         ),
     ),
