@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,9 +18,10 @@ from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.style import COLOURS
 from parapod.diagrams.wiring import add
-from parapod.sims.lab.panel import Panel
-from parapod.sims.lab.runner import END, LOOK_PERIOD, make_viewer
+from parapod.sims.lab.panel import Panel, Readout, Row
+from parapod.sims.lab.runner import END, LOOK_PERIOD, make_viewer, say_where
 from parapod.sims.output.figures import Figure
+from parapod.sims.output.options import RunOptions
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -281,20 +283,39 @@ def draw(
     size = machine.size
     camera, target = ((size * np.array(place)).tolist() for place in (_CAMERA, _TARGET))
     meshcat = make_viewer(camera, target)
-    p_WB = _draw_machine(meshcat, machine, turn or 0.0)
+    p_WB = draw_machine(meshcat, machine, turn or 0.0)
     if turn is not None:
         arm = replace(arm, lean=turn)
         ring = swept_surface(geometry, arm, _AROUND, _ACROSS)
-        _draw_patch(meshcat, "/workspace/turntable", ring + p_WB, Rgba(0.95, 0.60, 0.30, 0.45))
+        draw_patch(meshcat, "/workspace/turntable", ring + p_WB, Rgba(0.95, 0.60, 0.30, 0.45))
     workspace = Workspace(geometry, arm)
     for key, extension in faces(geometry, _FACE_EDGE).items():
         points = workspace.tip_of_extensions(extension) + p_WB
         path = f"/workspace/{face_name(geometry, *key)}"
-        _draw_patch(meshcat, path, points, Rgba(*face_colour(*key), 1.0))
+        draw_patch(meshcat, path, points, Rgba(*face_colour(*key), 1.0))
         outline = np.concatenate([points[0], points[:, -1], points[::-1, 0]])
         meshcat.SetLine(f"{path}/edges", outline.T, 2.0, Rgba(0.1, 0.1, 0.1))
     _draw_axes(meshcat, np.add(p_WB, _ABOVE_SLAB), size)
     return meshcat
+
+
+def present(
+    panel: Panel, what: str, rows: Sequence[Row], options: RunOptions
+) -> Callable[[], None] | None:
+    """Shows a picture and numbers in the browser; what is left to do is to wait for its viewers.
+
+    Args:
+        panel: the page.
+        what: name of the picture.
+        rows: the numbers.
+        options: options of the run.
+    """
+    panel.show(Readout("exact, in closed form", rows))
+    say_where(panel, what, options.console)
+    if options.live:
+        return partial(wait, panel, options.console)
+    panel.close()
+    return None
 
 
 def wait(panel: Panel, console: Console) -> None:
@@ -312,7 +333,7 @@ def wait(panel: Panel, console: Console) -> None:
         panel.close()
 
 
-def _draw_machine(meshcat: Meshcat, machine: PlatformDesign, lean: float) -> NDArray[np.float64]:
+def draw_machine(meshcat: Meshcat, machine: PlatformDesign, lean: float) -> NDArray[np.float64]:
     """Draws the machine about the world's origin; returns where its foot 2 stands (3) [m]."""
     geometry, extension = machine.geometry, np.array(machine.extensions_at(0.5))
     posture = forward_kinematics(geometry, extension, _LEVEL)
@@ -333,14 +354,29 @@ def _draw_machine(meshcat: Meshcat, machine: PlatformDesign, lean: float) -> NDA
     return np.array([-x, -y, 0.0])
 
 
-def _draw_patch(meshcat: Meshcat, path: str, points: NDArray[np.float64], colour: Rgba) -> None:
-    """Draws a grid of points (n, m, 3) as a surface."""
+def draw_patch(
+    meshcat: Meshcat, path: str, points: NDArray[np.float64], colour: Rgba | NDArray[np.float64]
+) -> None:
+    """Draws a grid of points (n, m, 3) as a surface, which ends where they are not numbers.
+
+    Args:
+        meshcat: the scene.
+        path: path of the surface.
+        points: the grid [m].
+        colour: one of all, or red, green and blue (n, m, 3) of each.
+    """
     rows, columns = points.shape[:2]
     corner = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
     halves = [np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]
     triangles = np.concatenate([half.reshape(-1, 3) for half in halves])
-    meshcat.SetTriangleMesh(path, points.reshape(-1, 3).T, triangles.T, colour)
+    flat = points.reshape(-1, 3)
+    triangles = triangles[np.isfinite(flat[triangles]).all(axis=(1, 2))].T
+    vertices = np.nan_to_num(flat).T
+    if isinstance(colour, Rgba):
+        meshcat.SetTriangleMesh(path, vertices, triangles, colour)
+    else:
+        meshcat.SetTriangleColorMesh(path, vertices, triangles, colour.reshape(-1, 3).T)
 
 
 def _draw_axes(meshcat: Meshcat, p_WB: NDArray[np.float64], size: float) -> None:

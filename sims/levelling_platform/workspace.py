@@ -28,7 +28,7 @@ Section 4 and Fig. 12 of the paper, exact. Nothing is simulated: every point is 
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -39,8 +39,8 @@ from scipy.optimize import minimize  # type: ignore[import-untyped]
 from parapod.diagrams.designs import is_published
 from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.sims.lab.experiment import Experiment
-from parapod.sims.lab.panel import Panel, Readout, Row
-from parapod.sims.lab.runner import Runner, say_where
+from parapod.sims.lab.panel import Panel, Row
+from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.results import Metric
@@ -241,7 +241,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
         """Draws the workspace for the browser; what is left to do is to wait for its viewers."""
         if not options.meshcat:
             return None
-        from parapod.sims.levelling_platform.solid import wait
+        from parapod.sims.levelling_platform.solid import present
 
         values_by_key = {metric.key: metric.value for metric in self.measure(scenario, data)}
         rows = [
@@ -254,12 +254,7 @@ class MeasureWorkspace(Experiment[WorkspaceScenario, list["Survey"]]):
             for axis in "xyz"
         ]
         panel = Panel(self.scene(scenario), f"{self.name}: the reach of the arm's tip")
-        panel.show(Readout("exact, in closed form", rows))
-        say_where(panel, "the workspace", options.console)
-        if options.live:
-            return partial(wait, panel, options.console)
-        panel.close()
-        return None
+        return present(panel, "the workspace", rows, options)
 
 
 @dataclass(frozen=True)

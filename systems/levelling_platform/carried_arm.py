@@ -276,6 +276,19 @@ class CarriedArm:
             tipping_margin(self.geometry, self.params, footing, ArmMotion(solution.joints))
         )
 
+    def admits(self, posture: ArrayLike, joints: ArrayLike) -> NDArray[np.bool_]:
+        """Flags (...): the arm is out of base and ground, and the platform stands firmly enough.
+
+        Args:
+            posture: roll, pitch, height (..., 3) of the platform [rad, rad, m].
+            joints: positions (..., n) of the joints [rad or m].
+        """
+        chain = self._chain(posture, joints)
+        return self._admits(self._solution(chain, self._forward(chain)[0]))
+
+    def _admits(self, solution: TipSolution) -> NDArray[np.bool_]:
+        return self._is_clear(solution) & (self.margins(solution) >= self.margin)
+
     def _chain(self, posture: ArrayLike, joints: ArrayLike) -> Array:
         y, q = of_width(posture, 3, "posture"), of_width(joints, self.arm.count, "joints")
         shape = np.broadcast_shapes(y.shape[:-1], q.shape[:-1])
@@ -443,8 +456,7 @@ class CarriedArm:
 
     def _best(self, solutions: TipSolution, target: Array, joints: Array) -> int | None:
         """Row of the admissible solution that the arm reaches soonest, if it leaves stroke."""
-        fits = self._is_there(solutions, target) & self._is_clear(solutions)
-        fits &= self.margins(solutions) >= self.margin
+        fits = self._is_there(solutions, target) & self._admits(solutions)
         if not fits.any():
             return None
         left = np.where(fits, solutions.stroke_left, -math.inf)

@@ -87,6 +87,7 @@ BRIEF = {
     "identify-arm": ("backend=kinematic",),
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.5", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
+    "arm-workspace": ("resolution=8",),
     "centre-machining": (
         *("backend=kinematic", "holes.count=1", "holes.depth_mm=1", *HASTE),
         *("motion.rapid_mm_s=300", "motion.feed_mm_s=20"),

@@ -193,6 +193,15 @@ _PARTS = (
         adds_to="workspace",
     ),
     Part(
+        "arm-workspace",
+        "Reach and sag of the arm",
+        "Points that the tip of the slender arm reaches, sagging, where it leans: by the height "
+        "of the platform, by all of its postures, and without the turntable. The paper has those "
+        "of the upright arm.",
+        "arm-workspace",
+        is_random=False,
+    ),
+    Part(
         "arm-vibration",
         "The flexible arm",
         "The paper takes its slender arm for rigid, and leaves its flexibility to future work. "
