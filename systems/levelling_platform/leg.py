@@ -104,7 +104,9 @@ def footprint(legs: Sequence[LegGeometry], ground: tuple[float, float]) -> list[
         ground: roll and pitch of the ground [rad].
     """
     middles = [0.5 * (leg.extension_min + leg.extension_max) for leg in legs]
-    return _about_middle(_from_feet(legs, middles, ground))
+    seen = [to_world(vector, *ground) for vector in _feet_below(legs, middles)]
+    x, y = (sum(part) / len(legs) for part in list(zip(*seen, strict=True))[:2])
+    return [(x - f_x, y - f_y) for f_x, f_y, _ in seen]
 
 
 def pose_on_feet(
@@ -127,20 +129,23 @@ def pose_on_feet(
         normal: the ground's normal in the world.
         print_of_feet: the `footprint` on this ground.
     """
-    from_feet = _from_feet(legs, extension, attitude)
-    middle = _middle(from_feet)
-    sine, cosine = 0.0, 0.0
-    for (x, y), (a, b) in zip(_about_middle(from_feet), print_of_feet, strict=True):
-        sine, cosine = sine + x * b - y * a, cosine + x * a + y * b
-    return FeetPose(minus(middle, scaled(normal, dot(normal, middle))), sine / cosine)
+    parts = list(zip(*_feet_below(legs, extension), strict=True))
+
+    def weighted(weights: Sequence[Elementwise]) -> Vector3:
+        a, b, c, d = weights
+        x, y, z = (a * p + b * q + c * r + d * s for p, q, r, s in parts)
+        return to_world((x, y, z), *attitude)
+
+    # Sums of the vectors, weighted by the places of the feet, which are about their middle.
+    on_x, on_y = zip(*print_of_feet, strict=True)
+    (x_x, y_x, _), (x_y, y_y, _) = weighted(on_x), weighted(on_y)
+    middle = weighted((0.25,) * 4)
+    along = minus(middle, scaled(normal, dot(normal, middle)))
+    return FeetPose(along, (x_y - y_x) / (x_x + y_y))
 
 
-def _from_feet(
-    legs: Sequence[LegGeometry],
-    extension: Sequence[Elementwise],
-    attitude: tuple[Elementwise, Elementwise],
-) -> list[Vector3]:
-    """Vectors from the feet to F, in a world in which the platform has no yaw.
+def _feet_below(legs: Sequence[LegGeometry], extension: Sequence[Elementwise]) -> list[Vector3]:
+    """Vectors from the feet to F, in the platform's frame.
 
     Feet are round, turn with the platform and roll by that: what stays is their lowest point, as
     the platform parallel to the ground has it.
@@ -148,19 +153,8 @@ def _from_feet(
     vectors = []
     for leg, d in zip(legs, extension, strict=True):
         x, y, z = foot_to_centre(leg, d)
-        vectors.append(to_world((x, y, z + leg.foot_radius), *attitude))
+        vectors.append((x, y, z + leg.foot_radius))
     return vectors
-
-
-def _about_middle(from_feet: Sequence[Vector3]) -> list[Point]:
-    """Horizontal places of the feet about their middle."""
-    x, y, _ = _middle(from_feet)
-    return [(x - f_x, y - f_y) for f_x, f_y, _ in from_feet]
-
-
-def _middle(points: Sequence[Vector3]) -> Vector3:
-    x, y, z = (sum(parts) / len(points) for parts in zip(*points, strict=True))
-    return x, y, z
 
 
 def foot_motion(leg: LegGeometry, extension: Elementwise) -> tuple[Vector3, Vector3]:

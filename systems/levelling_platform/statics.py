@@ -11,8 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
 from parapod.systems.core.elementwise import Elementwise, sin_cos
 from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import Vector3, cross, dot, minus, plus, scaled
-from parapod.systems.levelling_platform.geometry import ARM_BASE, LEG_COUNT, PlatformGeometry
+from parapod.systems.levelling_platform.geometry import (
+    ARM_BASE,
+    LEG_COUNT,
+    LegGeometry,
+    PlatformGeometry,
+)
 from parapod.systems.levelling_platform.kinematics import forward_kinematics
 from parapod.systems.levelling_platform.leg import foot_motion, foot_to_centre
 from parapod.systems.levelling_platform.plane import (
@@ -180,8 +186,7 @@ def stand(
         load: load on the platform besides its weight and the arm's; None for none.
         foot_rates: (4) rates of the offsets [m/s].
     """
-    motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
-    feet, slopes = [foot for foot, _ in motions], [slope for _, slope in motions]
+    feet, slopes = _feet_of(geometry.legs, extension)
     g: Vector3 = (0.0, 0.0, 1.0)
     if any(foot_offsets) or any(foot_rates):
         # Along the normal, so that the force of a foot keeps its line.
@@ -211,6 +216,18 @@ def stand(
         [_raised(height - dot(g, foot)) for foot in sunk],
         g,
     )
+
+
+def _motions(
+    legs: Sequence[LegGeometry], extension: list[float]
+) -> tuple[list[Vector3], list[Vector3]]:
+    """Vectors (4) from the feet to F, and their derivatives by the extensions."""
+    motions = [foot_motion(leg, d) for leg, d in zip(legs, extension, strict=True)]
+    return [foot for foot, _ in motions], [slope for _, slope in motions]
+
+
+# A platform on which an arm vibrates is loaded anew at every step, on legs that stand.
+_feet_of = Remembered(_motions)
 
 
 def _raised(height: float) -> float:
@@ -295,8 +312,11 @@ def _barycentric(feet: list[Vector3], legs: tuple[int, ...], x: float, y: float)
     return shares
 
 
+_centre_of = Remembered(KinematicPlatformParams.centre_with)
+
+
 def _burden(params: KinematicPlatformParams, arm: Sequence[float], load: Load | None) -> _Burden:
-    return _Burden(params.centre_with(arm), params.total * params.gravity, load)
+    return _Burden(_centre_of(params, arm), params.total * params.gravity, load)
 
 
 def _pressure_point(
@@ -394,7 +414,7 @@ def stand_on_feet_and_wheels(
         min(stance.contact_force) >= 0.0 and _clearance(wheels, stance) > 0.0
     ):
         return stance
-    motions = [foot_motion(leg, d) for leg, d in zip(geometry.legs, extension, strict=True)]
+    feet, slopes = _feet_of(geometry.legs, extension)
     supports = [
         _Support(
             tuple(-x for x in foot),
@@ -403,8 +423,8 @@ def stand_on_feet_and_wheels(
             params.foot_stiffness,
             rising,
         )
-        for (foot, slope), v, offset, rising in zip(
-            motions, velocity, foot_offsets, foot_rates, strict=True
+        for foot, slope, v, offset, rising in zip(
+            feet, slopes, velocity, foot_offsets, foot_rates, strict=True
         )
     ] + [
         _Support(axle, (0.0, 0.0, 0.0), wheels.radius, params.wheel_stiffness)
@@ -416,7 +436,7 @@ def stand_on_feet_and_wheels(
     if footing is None:
         three, four = [math.nan] * 3, [math.nan] * LEG_COUNT
         return Stance(three, three, three, three, four, four, four, three)
-    return _stance(params, supports, footing, n, [slope for _, slope in motions])
+    return _stance(params, supports, footing, n, slopes)
 
 
 def _clearance(wheels: WheelGeometry, stance: Stance) -> float:
