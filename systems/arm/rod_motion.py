@@ -134,8 +134,9 @@ class RodMotion:
 
         To first order in what the clamp's acceleration differs by.
         """
-        pairs = zip(_across(motion), _across(assumed), strict=True)
-        gained = [a - b for is_so, thought in pairs for a, b in zip(is_so, thought, strict=True)]
+        (f_x, g_x), (f_y, g_y) = _across(motion)
+        (e_x, h_x), (e_y, h_y) = _across(assumed)
+        gained = f_x - e_x, g_x - h_x, f_y - e_y, g_y - h_y
         return [q + sumprod(row, gained) for q, row in zip(state, self._by_half, strict=True)]
 
     def step(self, state: State, motion: ClampMotion) -> State:

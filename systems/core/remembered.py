@@ -11,7 +11,8 @@ class Remembered[R]:
     cache goes by what may have changed, not by values. A machine that stands then costs a
     comparison. Nothing but the time that it takes depends on what was evaluated before.
 
-    Not for AutoDiffXd, whose comparison ignores derivatives. NaN is never what it was before.
+    Arguments may also be what is frozen. Not for AutoDiffXd, whose comparison ignores
+    derivatives. NaN is never what it was before.
 
     Args:
         function: called with the arguments; neither they nor the result may be changed afterwards.
@@ -23,7 +24,7 @@ class Remembered[R]:
         # In one piece, so that threads never see arguments with another result.
         self._last: tuple[tuple[Any, ...], R] | None = None
 
-    def __call__(self, *arguments: list[float]) -> R:
+    def __call__(self, *arguments: Any) -> R:
         """The function's result."""
         if (last := self._last) is not None and last[0] == arguments:
             return last[1]

@@ -104,9 +104,9 @@ def footprint(legs: Sequence[LegGeometry], ground: tuple[float, float]) -> list[
         ground: roll and pitch of the ground [rad].
     """
     middles = [0.5 * (leg.extension_min + leg.extension_max) for leg in legs]
-    seen = [to_world(vector, *ground) for vector in _feet_below(legs, middles)]
-    x, y = (sum(part) / len(legs) for part in list(zip(*seen, strict=True))[:2])
-    return [(x - f_x, y - f_y) for f_x, f_y, _ in seen]
+    vectors = [to_world(vector, *ground) for vector in _feet_below(legs, middles)]
+    x, y = (sum(part) / len(legs) for part in list(zip(*vectors, strict=True))[:2])
+    return [(x - f_x, y - f_y) for f_x, f_y, _ in vectors]
 
 
 def pose_on_feet(

@@ -186,7 +186,7 @@ def stand(
         load: load on the platform besides its weight and the arm's; None for none.
         foot_rates: (4) rates of the offsets [m/s].
     """
-    feet, slopes = _feet_of(geometry.legs, extension)
+    feet, slopes = _feet_of(geometry.legs, list(extension))
     g: Vector3 = (0.0, 0.0, 1.0)
     if any(foot_offsets) or any(foot_rates):
         # Along the normal, so that the force of a foot keeps its line.
@@ -316,7 +316,7 @@ _centre_of = Remembered(KinematicPlatformParams.centre_with)
 
 
 def _burden(params: KinematicPlatformParams, arm: Sequence[float], load: Load | None) -> _Burden:
-    return _Burden(_centre_of(params, arm), params.total * params.gravity, load)
+    return _Burden(_centre_of(params, list(arm)), params.total * params.gravity, load)
 
 
 def _pressure_point(
@@ -414,7 +414,7 @@ def stand_on_feet_and_wheels(
         min(stance.contact_force) >= 0.0 and _clearance(wheels, stance) > 0.0
     ):
         return stance
-    feet, slopes = _feet_of(geometry.legs, extension)
+    feet, slopes = _feet_of(geometry.legs, list(extension))
     supports = [
         _Support(
             tuple(-x for x in foot),

@@ -321,3 +321,17 @@ def test_without_wheels_the_plant_stands_on_its_feet_however_low(stand):
     platform = stand(system, extension=[0.43] * 4, velocity=STILL)
     assert platform["posture"][2] < 0.35
     assert platform["contact_force"].sum() == pytest.approx(WEIGHT, rel=1e-5)
+
+
+def test_lists_that_a_caller_changes_are_solved_anew():
+    extension, arm = [0.41, 0.405, 0.41, 0.405], [0.1, 0.2]
+    others = list(STILL), list(LEVEL)
+    first = stand(DRAWN, PARAMS, extension, *others, arm)
+    extension[:] = [0.405, 0.41, 0.405, 0.41]
+    moved = stand(DRAWN, PARAMS, extension, *others, arm)
+    assert moved.posture != first.posture
+    arm[1] = 0.9
+    leaning = stand(DRAWN, PARAMS, extension, *others, arm)
+    assert leaning.contact_force != moved.contact_force
+    heavier = stand(DRAWN, replace(PARAMS, arm=rod_arm(mass=2.0)), extension, *others, arm)
+    assert heavier.contact_force != leaning.contact_force
