@@ -193,6 +193,7 @@ def _arm_ports(arm: SerialArm) -> tuple[Port, ...]:
         Inner("tip_arrived", "0/1", "1 once the tip is at its point, or comes no nearer"),
         Inner("tip_refused", "0/1", "1 while the tip cannot be where it is wanted"),
         Inner("points_done", "-", "number of points at which the tip has stayed"),
+        Inner("payload", "kg", "mass that the tip is said to bear besides"),
         Inner("arm_refused", "0/1", "1 while the requested move of the arm is refused"),
         Inner("arm_margin", "m", "least stability margin along the requested move"),
     )

@@ -23,9 +23,9 @@ from parapod.systems.arm.serial_arm import ArmLink, SerialArm
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
 
-# Longest steps of a rod that bends, on a base of known velocity and on one of a pose alone [s],
-# and by how much a whole number of the plant's steps may seem less for rounding [-].
-_LONGEST, _LONGEST_BY_POSES, _ROUNDED = 10e-3, 5e-3, 1e-9
+# Longest step of a rod that bends [s], unless its plant's are longer, and by how much a whole
+# number of the plant's steps may seem less for rounding [-].
+_LONGEST, _ROUNDED = 5e-3, 1e-9
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def add_tip(
 
     is_moving = motion.platform_velocity is not None
     begins = pose_at(simulation.beginning)
-    longest = min(_LONGEST if is_moving else _LONGEST_BY_POSES, longest_period(rod))
+    longest = min(_LONGEST, longest_period(rod))
     period = max(1, int(longest / step + _ROUNDED)) * step
     try:
         bends = (

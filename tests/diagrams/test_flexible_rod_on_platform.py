@@ -142,8 +142,8 @@ def test_modes_that_the_period_cannot_carry_are_refused_with_their_key(setting, 
 @pytest.mark.parametrize(
     ("settings", "period"),
     [
-        (("plant.time_step=0.001",), 0.01),
-        (("plant.time_step=0.003",), 0.009),
+        (("plant.time_step=0.001",), 0.005),
+        (("plant.time_step=0.002",), 0.004),
         (("plant.time_step=0.001", "machine.arm.modes=3"), 0.004),
     ],
 )

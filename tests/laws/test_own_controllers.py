@@ -38,7 +38,8 @@ def make(scenario, machine):
 POINTING = SUPERVISED.replace(".controller import", ".pointing import").replace(
     "make_supervised_controller", "make_pointing_controller"
 )
-OTHERS = {"deploy": SUPERVISED, "inspect": POINTING, "tip-hold": POINTING}
+HOLDING = POINTING.replace("controller(scenario)", "controller(scenario, has_payload=True)")
+OTHERS = {"deploy": SUPERVISED, "inspect": POINTING, "tip-hold": HOLDING}
 # Ports, and nothing behind them.
 PORTS = """
 import numpy as np
