@@ -29,14 +29,15 @@ from parapod.sims.output.options import RunOptions
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
+from parapod.systems.core.vectors import Array
 from parapod.systems.levelling_platform.carried_arm import CarriedArm
 from parapod.systems.levelling_platform.kinematics import height_range
-from parapod.systems.levelling_platform.tip_columns import TipColumns, deflection, largest_swing
+from parapod.systems.levelling_platform.tip_columns import TipColumns, largest_swing
 
 # Largest difference of a volume to that at half the resolution, of that of the level platform to
 # its quadrature, and of the horizontal rod's sag to beam theory.
 _RESOLUTION_BOUND, _LEVEL_BOUND, _SAG_BOUND = 0.02, 0.01, 1e-9
-# What moves the tip.
+# Parts that move the tip, by the names of the reaches.
 _REACHES = {
     "level": "arm, turntable and height of the level platform",
     "tilting": "arm, turntable and all postures",
@@ -95,7 +96,7 @@ class ArmWorkspace(Experiment[ArmWorkspaceScenario, Reaches]):
     takes = "30 s"
 
     def check(self, scenario: ArmWorkspaceScenario) -> None:
-        """Refuses an arm that is no rod on a turntable.
+        """Refuses an arm other than a rod on a turntable.
 
         Raises:
             ScenarioError: names the key.
@@ -113,12 +114,12 @@ class ArmWorkspace(Experiment[ArmWorkspaceScenario, Reaches]):
         with runner.console.status("") as status:
 
             def volumes(each: CarriedArm, count: int, which: str = "") -> dict[str, float]:
-                found = {}
+                by_name = {}
                 for name, how in _REACHES.items():
                     status.update(f"filling the reach by {how}{which}")
                     steps = 0 if name == "level" else max(1, count // _COLUMNS_BY_STEPS)
-                    found[name] = TipColumns(each, steps, name == "locked").volume(count)
-                return found
+                    by_name[name] = TipColumns(each, steps, name == "locked").volume(count)
+                return by_name
 
             return Reaches(
                 volumes(carried, resolution),
@@ -129,10 +130,10 @@ class ArmWorkspace(Experiment[ArmWorkspaceScenario, Reaches]):
     def measure(self, scenario: ArmWorkspaceScenario, data: Reaches) -> Iterator[Metric]:
         """Sag, beside beam theory; volumes, beside those of half the resolution."""
         carried = scenario.carried
-        leans = np.linspace(0.0, largest_swing(carried), _SAMPLES)
+        sags = level_sag(carried, np.linspace(0.0, largest_swing(carried), _SAMPLES))
         yield Metric(
             "largest_sag_mm",
-            1e3 * float(np.linalg.norm(deflection(carried, 0.0, leans), axis=-1).max()),
+            1e3 * float(sags.max()),
             "mm",
             meaning="largest distance of the tip from where a rigid rod has it, platform level",
         )
@@ -171,12 +172,12 @@ class ArmWorkspace(Experiment[ArmWorkspaceScenario, Reaches]):
             )
 
     def note(self, scenario: ArmWorkspaceScenario, data: Reaches) -> Iterator[str]:
-        """How the sag grows as the arm leans."""
+        """The sag of the leaning arm."""
         carried = scenario.carried
         if carried.rod is not None:
             most = math.degrees(largest_swing(carried))
             leans = np.append(np.arange(_LEANS, most - 1.0, _LEANS), most)
-            sags = 1e3 * np.linalg.norm(deflection(carried, 0.0, np.radians(leans)), axis=-1)
+            sags = 1e3 * level_sag(carried, np.radians(leans))
             parts = (f"{s:.1f} mm at {a:.0f} deg" for s, a in zip(sags, leans, strict=True))
             yield f"On the level platform the tip of the leaning arm sags by {', '.join(parts)}."
 
@@ -208,6 +209,17 @@ class ArmWorkspace(Experiment[ArmWorkspaceScenario, Reaches]):
         return present(panel, "the reach", rows, options)
 
 
+def level_sag(carried: CarriedArm, leans: Array) -> Array:
+    """Distances (n) of the tip from where a rigid rod has it, platform level [m].
+
+    Args:
+        carried: platform and arm.
+        leans: leans of the arm (n) [rad].
+    """
+    joints = np.column_stack([np.zeros_like(leans), leans])
+    return np.asarray(np.linalg.norm(carried.deflection(carried.postures[0], joints), axis=-1))
+
+
 def horizontal_sag_error(carried: CarriedArm) -> float:
     """Relative difference of the horizontal rod's sag to that of a clamped beam.
 
@@ -218,11 +230,8 @@ def horizontal_sag_error(carried: CarriedArm) -> float:
     assert rod is not None
     load = carried.params.gravity * (rod.tip_mass / 3.0 + rod.mass / 8.0)
     theory = load * rod.length**3 / rod.bending_stiffness[0]
-    straight, bent = (
-        each.tip_position(carried.postures[0], (0.0, 0.5 * math.pi))[2]
-        for each in (replace(carried, rod=None), carried)
-    )
-    return abs(float(straight - bent) / theory - 1.0)
+    down = -carried.deflection(carried.postures[0], (0.0, 0.5 * math.pi))[2]
+    return abs(float(down) / theory - 1.0)
 
 
 def level_volume(carried: CarriedArm) -> float | None:

@@ -15,7 +15,7 @@ from parapod.sims.levelling_platform.solid import draw_machine, draw_patch
 from parapod.sims.output.figures import Figure
 from parapod.systems.core.vectors import Array
 from parapod.systems.levelling_platform.carried_arm import CarriedArm
-from parapod.systems.levelling_platform.tip_columns import TipColumns, deflection, largest_swing
+from parapod.systems.levelling_platform.tip_columns import TipColumns, largest_swing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -82,7 +82,8 @@ def draw(machine: PlatformDesign, carried: CarriedArm) -> Meshcat:
     swings = np.linspace(0.0, largest_swing(carried), _AROUND)
     joints = np.stack(np.broadcast_arrays(azimuth, swings), axis=-1)
     tips = carried.tip_position((0.0, 0.0, columns.height), joints)
-    sags = np.linalg.norm(deflection(carried, azimuth, swings), axis=-1)
+    deflection = carried.deflection((0.0, 0.0, columns.height), joints)
+    sags = np.linalg.norm(deflection, axis=-1)
     colours = colormaps["viridis"](sags / max(1e-9, float(sags.max())))[..., :3]
     draw_patch(meshcat, "/reach/sag", tips, colours)
     r = columns.radius(azimuth) * np.sin(np.linspace(0.0, 0.5 * math.pi, _AROUND))
@@ -100,17 +101,18 @@ def _draw_sag(carried: CarriedArm, canvas: "Canvas") -> None:
     turns = np.linspace(0.0, 2.0 * math.pi, _MAP)
     leans = np.linspace(0.0, largest_swing(carried), _MAP)
     turn, lean = np.meshgrid(turns, leans)
-    sags = 1e3 * np.linalg.norm(deflection(carried, turn, lean, (0.0, pitch)), axis=-1)
+    posture, joints = (0.0, pitch, carried.postures[0, 2]), np.stack([turn, lean], axis=-1)
+    sags = 1e3 * np.linalg.norm(carried.deflection(posture, joints), axis=-1)
     above: Any = canvas.add_subplot(1, 2, 1, projection="polar")
     levels = np.linspace(0.0, float(sags.max()), _LEVELS)
-    shown = above.contourf(turn, np.degrees(lean), sags, levels, cmap="viridis")
+    colours = above.contourf(turn, np.degrees(lean), sags, levels, cmap="viridis")
     lines = above.contour(turn, np.degrees(lean), sags, levels[3::3], colors="white")
     above.clabel(lines, fmt="%.0f mm", fontsize=8)
     above.set_title(f"platform pitched by {math.degrees(pitch):.1f} deg")
     above.set_rticks([])
-    canvas.colorbar(shown, ax=above, label="sag of the tip [mm]", format="%.0f", shrink=0.8)
+    canvas.colorbar(colours, ax=above, label="sag of the tip [mm]", format="%.0f", shrink=0.8)
     curves = canvas.add_subplot(1, 2, 2)
-    outwards, _, upwards = 1e3 * deflection(carried, 0.0, leans).T
+    outwards, _, upwards = 1e3 * carried.deflection(carried.postures[0], joints[:, 0]).T
     distance = np.hypot(outwards, upwards)
     for name, values in (("distance", distance), ("down", -upwards), ("outwards", outwards)):
         curves.plot(np.degrees(leans), values, label=name)

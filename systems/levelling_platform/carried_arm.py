@@ -28,7 +28,7 @@ z axis is vertical, and x is the direction in which the platform looks with legs
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -202,6 +202,16 @@ class CarriedArm:
         """
         chain = self._chain(posture, joints)
         return self._forward(chain)[0][..., 3:]
+
+    def deflection(self, posture: ArrayLike, joints: ArrayLike) -> Array:
+        """Way of the tip (..., 3), in the world, from where a rigid rod has it [m].
+
+        Args:
+            posture: roll, pitch, height (..., 3) of the platform [rad, rad, m].
+            joints: positions (..., n) of the joints [rad or m].
+        """
+        rigid = replace(self, rod=None)
+        return self.tip_position(posture, joints) - rigid.tip_position(posture, joints)
 
     def posture_jacobian(self, posture: ArrayLike, joints: ArrayLike) -> Array:
         """Derivative of the tip's place by the posture (3, 3) [m/rad, m/rad, -].

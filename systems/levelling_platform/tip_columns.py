@@ -40,7 +40,7 @@ _EDGE = 9
 # Most steps of Newton's method, their largest parts and step of differences [rad]; distance from
 # its place from which one step is enough, and at which the tip is there [m].
 _NEWTON, _LONGEST, _DIFFERENCE, _CLOSE, _REACHED = 9, 0.3, 1e-6, 1e-4, 1e-6
-# What a limit may be passed by [rad or m].
+# Way by which a limit may be passed [rad or m].
 _SLACK = 1e-9
 # Room of joints below which no solution is looked for [rad], smallest determinant [m^2] and
 # distance [m] by which is divided.
@@ -316,9 +316,9 @@ class TipColumns:
         low, high = np.moveaxis(
             height_range(self.carried.geometry, solved[..., :2], _LEVEL), -1, 0
         )
-        found = solved[is_admissible]
-        postures = np.column_stack([found[:, :2], high[is_admissible]])
-        is_admissible[is_admissible] = self.carried.admits(postures, found[:, 3:])
+        settled = solved[is_admissible]
+        postures = np.column_stack([settled[:, :2], high[is_admissible]])
+        is_admissible[is_admissible] = self.carried.admits(postures, settled[:, 3:])
         ends = np.stack([z + low, z + high]) - self.height
         room = np.stack([high - low, self._room(solved)]) + _SLACK
         return _Samples(ends, room, is_admissible, z > self.joint[2])
@@ -378,23 +378,3 @@ def largest_swing(carried: CarriedArm) -> float:
     """
     arm = carried.arm.joints[1]
     return max(-arm.lower, arm.upper)
-
-
-def deflection(
-    carried: CarriedArm,
-    turn: ArrayLike,
-    swing: ArrayLike,
-    attitude: tuple[float, float] = _LEVEL,
-) -> Array:
-    """Way of the tip (..., 3), in the world, from where a rigid rod has it [m].
-
-    Args:
-        carried: platform, with a rod on a turntable.
-        turn: positions of the turntable (...) [rad].
-        swing: positions of the arm (...) [rad].
-        attitude: roll and pitch of the platform [rad].
-    """
-    posture = (*attitude, carried.postures[0, 2])
-    joints = np.stack(np.broadcast_arrays(turn, swing), axis=-1)
-    rigid = replace(carried, rod=None)
-    return carried.tip_position(posture, joints) - rigid.tip_position(posture, joints)

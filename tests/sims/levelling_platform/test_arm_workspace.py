@@ -14,7 +14,7 @@ from parapod.sims.levelling_platform.arm_workspace import horizontal_sag_error, 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.kinematics import height_range
-from parapod.systems.levelling_platform.tip_columns import TipColumns, deflection
+from parapod.systems.levelling_platform.tip_columns import TipColumns
 
 LEVEL = (0.0, 0.0)
 CRANE = Path(__file__).parents[3] / "examples" / "machines" / "reach_arm.urdf"
@@ -154,15 +154,15 @@ def test_ground_and_margin_take_from_the_reach():
 def test_horizontal_rod_sags_as_a_clamped_beam():
     rod = FLEXIBLE.rod
     load = FLEXIBLE.params.gravity * (rod.tip_mass / 3.0 + rod.mass / 8.0)
-    down = deflection(FLEXIBLE, 0.0, 0.5 * math.pi)[2]
+    down = FLEXIBLE.deflection(FLEXIBLE.postures[0], (0.0, 0.5 * math.pi))[2]
     assert -down == pytest.approx(load * rod.length**3 / rod.bending_stiffness[0], rel=1e-9)
     assert horizontal_sag_error(FLEXIBLE) < 1e-9
 
 
 def test_upright_rod_on_a_level_platform_does_not_sag_and_a_rigid_one_never_does():
-    turns = np.linspace(-3.0, 3.0, 7)
-    np.testing.assert_allclose(deflection(FLEXIBLE, turns, 0.0), 0.0, atol=1e-12)
-    np.testing.assert_array_equal(deflection(RIGID, turns, 1.0), 0.0)
+    joints, level = np.outer(np.linspace(-3.0, 3.0, 7), (1.0, 0.0)), FLEXIBLE.postures[0]
+    np.testing.assert_allclose(FLEXIBLE.deflection(level, joints), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(RIGID.deflection(level, joints + 0.5), 0.0)
 
 
 def test_rigid_rod_has_no_metrics_of_bending():
