@@ -64,7 +64,7 @@ class ArmWorkspaceScenario(Schema):
 
     backend: str = choice("exact", ("exact",))
     seed: int = quantity(0, 0, 2**31 - 1)
-    resolution: int = quantity(24, 8, 96)
+    resolution: int = quantity(16, 16, 96)
     machine: PlatformDesign = field(default_factory=PlatformDesign)
 
     @property
@@ -93,7 +93,7 @@ class ArmWorkspace(Experiment[ArmWorkspaceScenario, Reaches]):
 
     schema = ArmWorkspaceScenario
     backends = ("exact",)
-    takes = "30 s"
+    takes = "20 s"
 
     def check(self, scenario: ArmWorkspaceScenario) -> None:
         """Refuses an arm other than a rod on a turntable.

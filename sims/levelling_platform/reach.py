@@ -31,7 +31,7 @@ _COLOURS = {
     "all postures, turntable locked": "#D98F6B",
 }
 # Directions that the scene shows, the others being left open [deg], columns in each direction.
-_SHOWN, _AROUND = (-15.0, 235.0), 49
+_SHOWN, _AROUND = (-15.0, 235.0), 37
 # Places of camera and of what it looks at, by the machine's size [m], and look of the ends.
 _CAMERA, _TARGET = (1.4, -6.6, 3.2), (0.0, 0.0, 1.2)
 _END = Rgba(0.96, 0.83, 0.72, 0.5)
@@ -51,7 +51,7 @@ def figures(carried: CarriedArm) -> Iterator[Figure]:
             "angle, from the middle the arm's lean up to "
             f"{math.degrees(largest_swing(carried)):.0f} deg; and on the level platform.",
             partial(_draw_sag, carried),
-            (9.0, 4.4),
+            (9.0, 4.9),
         )
     lines = "" if carried.rod is None else " Lines are outlines for a rigid rod."
     yield Figure(
@@ -77,7 +77,7 @@ def draw(machine: PlatformDesign, carried: CarriedArm) -> Meshcat:
 
     meshcat = make_viewer(*((machine.size * np.array(p)).tolist() for p in (_CAMERA, _TARGET)))
     draw_machine(meshcat, machine, 0.0)
-    columns = TipColumns(carried, _STEPS)
+    columns = TipColumns(carried, _STEPS // 2)
     azimuth = np.radians(np.linspace(*_SHOWN, _AROUND))[:, np.newaxis]
     swings = np.linspace(0.0, largest_swing(carried), _AROUND)
     joints = np.stack(np.broadcast_arrays(azimuth, swings), axis=-1)

@@ -90,16 +90,16 @@ class TipColumns:
         return np.nansum(high - low, axis=1) - np.maximum(np.nan_to_num(common), 0.0)
 
     def grid(self, count: int) -> tuple[Array, Array]:
-        """Places (count, count, 2) that fill the reach, and the areas that they stand for.
+        """Places (n, m, 2) that fill the reach, and the areas that they stand for.
 
         They are around the arm's joint, closer together towards the rim: by azimuth and the sine
         of an angle; without the turntable in a fan, by that sine and about the roll.
 
         Args:
-            count: places in each of two directions.
+            count: places in each of two directions, without the turntable twice as many in one.
 
         Returns:
-            Places [m] and areas (count, count) [m^2].
+            Places [m] and areas (n, m) [m^2].
         """
         share = (np.arange(count) + 0.5) / count
         other = share[:, np.newaxis]
@@ -113,12 +113,14 @@ class TipColumns:
         x, y, _ = self._offsets(np.linspace(arm.lower, arm.upper, _SWINGS), 0.0).reshape(-1, 3).T
         widest, rolls = float(np.abs(x).max()), y / self._height_over(x)
         low, high = float(rolls.min()), float(rolls.max())
-        angle, roll = math.pi * (share - 0.5), low + (high - low) * other
+        # Twice as many along x, which goes from rim to rim.
+        angle = 0.5 * math.pi * np.concatenate([-share[::-1], share])
+        roll = low + (high - low) * other
         x = widest * np.sin(angle)
         height = self._height_over(x)
         places = np.stack(np.broadcast_arrays(x, roll * height), axis=-1)
-        area = widest * np.cos(angle) * height * math.pi * (high - low) / count**2
-        return self.joint[:2] + places, np.broadcast_to(area, (count, count))
+        area = widest * np.cos(angle) * height * math.pi * (high - low) / (2 * count**2)
+        return self.joint[:2] + places, np.broadcast_to(area, (count, 2 * count))
 
     def volume(self, count: int) -> float:
         """Volume of the reach [m^3].

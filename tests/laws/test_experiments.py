@@ -87,7 +87,6 @@ BRIEF = {
     "identify-arm": ("backend=kinematic",),
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.5", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
-    "arm-workspace": ("resolution=8",),
     "centre-machining": (
         *("backend=kinematic", "holes.count=1", "holes.depth_mm=1", *HASTE),
         *("motion.rapid_mm_s=300", "motion.feed_mm_s=20"),
@@ -462,7 +461,14 @@ def test_its_diagram_is_graphviz_text(part, finished):
 
 # Those that take seconds; that their machines' loops give the same numbers is a law of machines.
 LONG = {
-    *("bench-course", "bench-leg", "bench-walk", "centre-machining", "centre-walk"),
+    *(
+        "arm-workspace",
+        "bench-course",
+        "bench-leg",
+        "bench-walk",
+        "centre-machining",
+        "centre-walk",
+    ),
     *("chair-circle", "chair-engines", "compare-engines", "fault-campaign"),
     *("identify-actuators", "slip", "track-posture"),
 }

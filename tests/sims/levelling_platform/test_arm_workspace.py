@@ -20,7 +20,8 @@ LEVEL = (0.0, 0.0)
 CRANE = Path(__file__).parents[3] / "examples" / "machines" / "reach_arm.urdf"
 STEPS, COUNT = 4, 12  # of attitudes, and columns in each direction
 # Leans of the arm beyond the horizontal, and not up to it.
-ARMS = ("[{}, {}]", "[{}, {lower_deg: -20, upper_deg: 50}]", "[{}, {upper_deg: 150}]")
+SECTOR = "[{lower_deg: -10, upper_deg: 120}, {lower_deg: -75, upper_deg: 40}]"
+ARMS = ("[{}, {}]", SECTOR, "[{}, {upper_deg: 150}]")
 
 
 def carried_with(*overrides):
@@ -107,6 +108,15 @@ def test_quadrature_counts_a_curve_that_turns_back_below_the_horizontal():
     assert level_volume(bent) > 1.01 * level_volume(FLEXIBLE)
 
 
+def test_heights_that_are_reached_above_and_below_the_joint_count_once():
+    bent = carried_with("machine.arm.each_drive=[{}, {upper_deg: 100}]")
+    columns = TipColumns(replace(bent, rod=None), 0)
+    place = columns.joint[:2] + np.array([0.9992 * float(columns.radius(0.0)), 0.0])
+    low, high = columns.intervals(place[np.newaxis])[:, 0]
+    assert low.max() < high.min()
+    assert columns.lengths(place[np.newaxis]) == pytest.approx(high.max() - low.min())
+
+
 def test_quadrature_is_left_out_where_something_else_limits_the_reach():
     assert level_volume(carried_with("machine.arm.each_drive=[{}, {upper_deg: 150}]")) is None
     assert level_volume(carried_with("machine.arm.each_drive=[{upper_deg: 90}, {}]")) is not None
@@ -166,7 +176,7 @@ def test_upright_rod_on_a_level_platform_does_not_sag_and_a_rigid_one_never_does
 
 
 def test_rigid_rod_has_no_metrics_of_bending():
-    result = parapod.run("arm-workspace", "machine.arm=!Rod {}", "resolution=8")
+    result = parapod.run("arm-workspace", "machine.arm=!Rod {}", "resolution=16")
     values = {metric.key: metric.value for metric in result.metrics}
     assert values["largest_sag_mm"] == 0.0
     assert not {"horizontal_sag_error", "level_by_rigid"} & set(values)
