@@ -58,8 +58,9 @@ def test_a_payload_lowers_the_tip_of_a_rod_that_bends_unless_it_is_told(held, to
 def test_on_bodies_it_comes_back_from_all_of_them(held, backend):
     if backend == "mujoco":
         pytest.importorskip("mujoco")
-    reduced = "plant={leg_model: reduced, time_step: 0.005}"
-    assert held(reduced, backend=backend, end=62.0).passed
+    reduced = "plant={leg_model: reduced, time_step: 0.0025}"
+    both = "disturbances=[!Subsidence {at: 15, foot: 3}, !Payload {at: 22}]"
+    assert held(reduced, both, backend=backend, end=30.0).passed
 
 
 @pytest.mark.parametrize(
