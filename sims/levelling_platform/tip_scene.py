@@ -18,6 +18,8 @@ _TO_COME, _PRESENT, _TRAIL, _PUSH = (
     Rgba(0.12, 0.42, 0.78),
     Rgba(0.55, 0.20, 0.65),
 )
+# Height and half axes of an arrow's head by the machine's size [m], and what turns it round.
+_HEAD, _BACKWARDS = np.array([0.1, 0.035, 0.035]), RotationMatrix.MakeXRotation(np.pi)
 # Time between two places of the way [s], and number of them that are kept.
 _PERIOD, _MOST = 0.1, 3000
 
@@ -94,11 +96,13 @@ class DisturbanceScene:
         for i, each in enumerate(disturbances):
             path = f"{_PATH}/disturbances/{i}"
             if isinstance(each, Push) and any(each.force_N):
-                meshcat.SetObject(f"{path}/shaft", Cylinder(0.012 * size, 0.3 * size), _PUSH)
-                along = RigidTransform(np.array([0.0, 0.0, -0.25 * size]))
-                meshcat.SetTransform(f"{path}/shaft", along)
-                head = MeshcatCone(0.1 * size, 0.035 * size, 0.035 * size)
+                # Its point is where the force acts; a cone grows from its point along z.
+                shaft, head = Cylinder(0.012 * size, 0.6 * size), MeshcatCone(*_HEAD * size)
+                behind = RigidTransform(np.array([0.0, 0.0, -0.3 * size]))
+                meshcat.SetObject(f"{path}/shaft", shaft, _PUSH)
+                meshcat.SetTransform(f"{path}/shaft", behind)
                 meshcat.SetObject(f"{path}/head", head, _PUSH)
+                meshcat.SetTransform(f"{path}/head", RigidTransform(_BACKWARDS))
                 self._arrows.append((path, each))
             elif isinstance(each, Payload):
                 meshcat.SetObject(path, Sphere(2.0 * _RADIUS * size), _PUSH)
