@@ -3,7 +3,7 @@
 Over a place on the ground the tip comes at heights from a lowest to a highest one. At an attitude
 of the platform the joints that bring the tip there solve two equations, by Newton's method on
 `CarriedArm.tip_position`; the legs then move it straight up and down by what `height_range` leaves
-them. (Their feet slip by that, and the tip moves sideways by up to .2 mm, which is left out.)
+them. (Their feet slip by that, and the tip moves sideways by up to .3 mm, which is left out.)
 A turntable that is locked stays at zero: then roll and arm are solved for.
 
 * A rod reaches a place with its tip above the joint, or below it. The attitudes are a grid, with
