@@ -18,7 +18,7 @@ from parapod.systems.arm.arm_tip import ArmTip
 from parapod.systems.arm.bent_rod import BentRod
 from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
-from parapod.systems.arm.rod_motion import longest_period
+from parapod.systems.arm.rod_motion import check_rod, longest_period
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
@@ -151,7 +151,7 @@ def add_tip(
         disturbances: their payload is taken by a rod that bends.
 
     Raises:
-        ScenarioError: modes above what the period carries.
+        ScenarioError: modes above what the period carries, or a payload above what the rod does.
     """
     builder, machine = simulation.builder, scenario.machine
     assert motion.joint_state is not None
@@ -173,13 +173,18 @@ def add_tip(
     longest = min(_LONGEST, longest_period(rod))
     period = max(1, int(longest / step + _ROUNDED)) * step
     try:
+        check_rod(rod, period)
+    except ValueError as error:
+        raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
+    try:
         bends = (
             FlexibleArm(rod, period, arm, begins, "velocity", ["bending_force"], disturbances.mass)
             if is_moving
             else FlexibleArm(rod, period, arm, begins, "pose", ["wrench"], disturbances.mass)
         )
     except ValueError as error:
-        raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
+        key, mass = "disturbances", disturbances.mass
+        raise ScenarioError(f"{key}: with a payload of {mass:g} kg, {error}", key) from None
     add(builder, bends)
     connect(builder, motion.platform_pose, bends.GetInputPort("base_pose"))
     connect(builder, motion.joint_state, bends.GetInputPort("joint_state"))

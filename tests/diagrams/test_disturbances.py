@@ -142,6 +142,13 @@ def test_disturbances_that_do_not_fit_are_refused(settings, message):
     assert str(refusal.value) == message
 
 
+def test_a_payload_under_which_the_rod_buckles_is_refused():
+    arm = "machine.arm=!FlexibleRod {}"
+    scenario = scenario_of(arm, "disturbances=[!Payload {mass_kg: 500}]")
+    with pytest.raises(ScenarioError, match=r"^disturbances: with a payload of 500 kg, .*buckles"):
+        Station(PLATFORM, scenario)
+
+
 def test_a_foot_that_the_platform_does_not_have_is_refused():
     with pytest.raises(ScenarioError, match=r"^disturbances\.0\.foot = 5 is outside 1\.\.4$"):
         scenario_of("disturbances=[!Subsidence {foot: 5}]")
