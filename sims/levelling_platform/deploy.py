@@ -28,6 +28,7 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.controller import make_supervised_controller
 from parapod.diagrams.levelling_platform.design import PlatformDesign
+from parapod.diagrams.levelling_platform.disturbances import Disturbance
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import (
     SIMULATED,
@@ -153,6 +154,8 @@ class DeployScenario(Schema):
         plant: see `PlantScenario`; the wheels roll.
         machine: see `PlatformDesign`; or a file: `!File my_machine.yaml`.
         control: see `ControlScenario`.
+        disturbances: pushes, payload and moving ground, of a simulated machine; see
+            `Disturbance`.
         faults: faults of the machine's signals; see `PlatformFault`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
         longest: time after which an operation that has not come to its end is ended [s].
@@ -168,6 +171,7 @@ class DeployScenario(Schema):
     plant: PlantScenario = field(default_factory=PlantScenario)
     machine: PlatformDesign = field(default_factory=PlatformDesign)
     control: ControlScenario = field(default_factory=ControlScenario)
+    disturbances: list[Disturbance] = field(default_factory=list)
     faults: list[PlatformFault] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
     longest: float = quantity(120.0, 1.0, 7200.0)
@@ -183,6 +187,7 @@ class DeployScenario(Schema):
             machine=self.machine,
             control=self.control,
             job=JobScenario(start="wheels", start_x_m=-self.drive.distance_m),
+            disturbances=self.disturbances,
             faults=self.faults,
             hardware=self.hardware,
         )
