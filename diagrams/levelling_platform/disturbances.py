@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
@@ -44,7 +43,7 @@ def _smooth(
     times: Sequence[float], shares: Sequence[float], size: Sequence[float]
 ) -> PiecewisePolynomial:
     """Cubics that are at rest at their knots; of knots at one time the last counts."""
-    knots = {time: share for time, share in zip(times, shares, strict=True)}
+    knots = dict(zip(times, shares, strict=True))
     values = [[share * part for share in knots.values()] for part in size]
     return PiecewisePolynomial.CubicHermite(list(knots), values, [[0.0] * len(knots)] * len(size))
 
@@ -97,23 +96,19 @@ class Payload(Disturbance):
 
 @dataclass(frozen=True)
 class Disturbances:
-    """Courses of the disturbances over time; ports are None where there are none.
+    """Courses of the disturbances over time; None for those of which a scenario has none.
 
     Attributes:
         places: places of the k pushes, from the platform's centre F [m].
         pushes: moment and force of each (6k), by the world's axes [N m, N].
         rising: rise of the ground under each foot, and its rate (8) [m, m/s].
-        depths: largest depth to which the ground under each foot gives way (4) [m].
-        moves: flags of the feet (4) whose ground moves.
-        mass: mass of the payload [kg]; 0: there is none.
+        mass: mass of the payload [kg]; 0: none.
         payload: mass (1) whose weight the tip bears [kg].
     """
 
     places: tuple[tuple[float, float, float], ...] = ()
     pushes: OutputPort | None = None
     rising: OutputPort | None = None
-    depths: tuple[float, ...] = (0.0,) * LEG_COUNT
-    moves: tuple[bool, ...] = (False,) * LEG_COUNT
     mass: float = 0.0
     payload: OutputPort | None = None
 
@@ -132,7 +127,7 @@ def check_disturbances(
     payloads = [i for i, each in enumerate(disturbances) if isinstance(each, Payload)]
     if payloads and not has_arm:
         key = f"{key}.{payloads[0]}"
-        raise ScenarioError(f"{key}: there is no arm whose tip could take a payload", key)
+        raise ScenarioError(f"{key}: a platform without an arm takes no payload", key)
     if len(payloads) > 1:
         key = f"{key}.{payloads[1]}"
         raise ScenarioError(f"{key}: the tip takes one payload, not {len(payloads)}", key)
@@ -148,15 +143,11 @@ def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance
     pushes = [each for each in disturbances if isinstance(each, Push)]
     sinking = [each for each in disturbances if isinstance(each, Subsidence)]
     payloads = [each for each in disturbances if isinstance(each, Payload)]
-    depths = np.zeros(LEG_COUNT)
     sources = []
-    for i, each in enumerate(sinking):
-        depth = np.zeros(LEG_COUNT)
-        depth[each.foot - 1] = 1e-3 * each.depth_mm
-        depths += np.maximum(depth, 0.0)
-        source = add(
-            builder, TrajectorySource(each.step((-depth).tolist()), 1), f"subsidence_{i + 1}"
-        )
+    for i, each in enumerate(sinking, start=1):
+        rise = [0.0] * LEG_COUNT
+        rise[each.foot - 1] = -1e-3 * each.depth_mm
+        source = add(builder, TrajectorySource(each.step(rise), 1), f"subsidence_{i}")
         sources.append(source.get_output_port())
     rising = sum_of(builder, sources, "rising_ground") if sources else None
     forces = None
@@ -175,8 +166,6 @@ def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance
         places=tuple((x / 1e3, y / 1e3, z / 1e3) for x, y, z in (p.place_mm for p in pushes)),
         pushes=forces,
         rising=rising,
-        depths=tuple(depths.tolist()),
-        moves=tuple(any(each.foot == i + 1 for each in sinking) for i in range(LEG_COUNT)),
         mass=mass,
         payload=payload,
     )

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Box, Meshcat, SceneGraph
+from pydrake.geometry import Box, CollisionFilterDeclaration, GeometrySet, Meshcat, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -17,6 +17,7 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
     Joint,
+    ModelInstanceIndex,
     PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
@@ -37,7 +38,6 @@ from parapod.diagrams.bodies import (
 )
 from parapod.diagrams.cad_models import OwnModel
 from parapod.diagrams.drawing import draw_model, publish
-from parapod.diagrams.levelling_platform.disturbances import Disturbances
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import (
@@ -82,10 +82,10 @@ _ARM_LENGTH, _ARM_DAMPING = 2.02, 0.05
 # Gains of the wheels' position servos [N m/rad, N m s/rad] (assumption).
 _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 
-# Pads of uneven ground: side by the length of a leg's long side [-]; mass [kg] and drives of those
-# that move; colour.
+# Pads of uneven ground: side by the length of a leg's long side [-]; depth [m], mass [kg] and
+# drives of those that move; colour.
 _PAD_SIZE = 0.3 / 0.44
-_PAD_MASS, _PAD_GAINS = 20.0, PdControllerGains(p=1e8, d=1e6)
+_PAD_DEPTH, _PAD_MASS, _PAD_GAINS = 0.1, 20.0, PdControllerGains(p=1e8, d=1e6)
 _PAD_COLOUR = np.array([0.45, 0.42, 0.38, 1.0])
 
 
@@ -159,7 +159,7 @@ def add_platform(
     geometry: PlatformGeometry = DRAWN,
     foot_offsets: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     structure: PlatformStructure = DRAWN_PARTS,
-    moving_ground: Disturbances = Disturbances(),
+    moving_ground: bool = False,
 ) -> PlatformModel:
     """Adds platform and ground to a plant that is part of a diagram, and finalizes it.
 
@@ -172,7 +172,8 @@ def add_platform(
         foot_offsets: heights under the feet above the ground's plane [m]; if any is not zero,
             each foot gets a pad to stand on.
         structure: its other parts.
-        moving_ground: disturbances that move ground; its pads are bodies with drives.
+        moving_ground: true if each foot stands on a pad of its own, with a drive along the
+            ground's normal; see `put_feet_on_pads`.
 
     Raises:
         ValueError: another `leg_model` than those.
@@ -193,21 +194,14 @@ def add_platform(
     add_arm(parser, base, structure)
     _fix_wheels(plant, axles, wheels)
     slab = add_ground(parser, structure.ground_size)
-    bottoms = np.subtract(foot_offsets, moving_ground.depths)
-    X_WG = ground_pose(ground, bottoms)
+    X_WG = ground_pose(ground, foot_offsets)
     ground_mount: Any = plant.AddFrame(FixedOffsetFrame("ground_mount", plant.world_frame(), X_WG))
     plant.WeldFrames(ground_mount, plant.GetFrameByName("ground", slab))
-    if any(foot_offsets) or any(moving_ground.moves):
-        heights = np.subtract(foot_offsets, min(0.0, *bottoms))
-        pads = zip(geometry.drawn_legs, heights.tolist(), moving_ground.moves, strict=True)
-        middle = 0.5 * (geometry.extension_min + geometry.extension_max)
-        for i, (leg, height, is_moving) in enumerate(pads, start=1):
-            pad = plant.GetBodyByName("ground", slab)
-            if is_moving:
-                pad = _add_moving_pad(plant, pad, f"pad_{i}")
-            _draw_pad(plant, pad, f"pad_{i}", leg, middle, height)
+    if any(foot_offsets) or moving_ground:
+        body = plant.GetBodyByName("ground", slab)
+        _add_pads(plant, body, geometry, foot_offsets, moving_ground)
     plant.Finalize()
-    return PlatformModel(plant, ground_mount, geometry, moving_ground.depths)
+    return PlatformModel(plant, ground_mount, geometry)
 
 
 def add_base(parser: Parser, structure: PlatformStructure) -> Frame:
@@ -514,43 +508,58 @@ def _shared_masses(leg: LegGeometry, structure: PlatformStructure) -> dict[str, 
     }
 
 
-def _add_moving_pad(plant: MultibodyPlant, ground: RigidBody, name: str) -> RigidBody:
-    """Body of a pad that a drive moves along the ground's normal."""
-    instance = plant.AddModelInstance(name)
-    inertia = SpatialInertia(_PAD_MASS, np.zeros(3), UnitInertia.SolidCube(_PAD_SIZE))
-    pad: RigidBody = plant.AddRigidBody(name, instance, inertia)
-    up = np.array([0.0, 0.0, 1.0])
-    joint = plant.AddJoint(PrismaticJoint(name, ground.body_frame(), pad.body_frame(), up))
-    plant.AddJointActuator(name, joint).set_controller_gains(_PAD_GAINS)
-    return pad
-
-
-def _draw_pad(
+def _add_pads(
     plant: MultibodyPlant,
-    body: RigidBody,
-    name: str,
-    leg: LegGeometry,
-    middle: float,
-    height: float,
+    ground: RigidBody,
+    geometry: PlatformGeometry,
+    foot_offsets: Sequence[float],
+    is_moving: bool,
 ) -> None:
-    """Gives ground, or a pad of it that moves, a box under the place of a foot.
+    """Pads around the places of the feet, on a plane that is as low as the lowest of them."""
+    lowest = min(0.0, *foot_offsets)
+    properties, body = ground_contact(), ground
+    middle = 0.5 * (geometry.extension_min + geometry.extension_max)
+    instance = plant.AddModelInstance("pads") if is_moving else None
+    for i, (leg, offset) in enumerate(zip(geometry.drawn_legs, foot_offsets, strict=True), 1):
+        name, top, bottom = f"pad_{i}", offset - lowest, 0.0
+        if instance is not None:
+            body, bottom = _add_moving_body(plant, instance, ground, name), top - _PAD_DEPTH
+        if top == bottom:
+            continue
+        x, y, _ = foot_to_centre(leg, middle)
+        side = _PAD_SIZE * leg.l_4
+        pad = Box(side, side, top - bottom)
+        X_GP = RigidTransform(np.array([-x, -y, 0.5 * (top + bottom)]))
+        plant.RegisterCollisionGeometry(body, X_GP, pad, name, properties)
+        plant.RegisterVisualGeometry(body, X_GP, pad, f"{name}_visual", _PAD_COLOUR)
+
+
+def _add_moving_body(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, ground: RigidBody, name: str
+) -> RigidBody:
+    """Body that a drive moves along the ground's normal."""
+    inertia = SpatialInertia(_PAD_MASS, np.zeros(3), UnitInertia.SolidCube(_PAD_DEPTH))
+    body: RigidBody = plant.AddRigidBody(name, instance, inertia)
+    up = np.array([0.0, 0.0, 1.0])
+    joint = plant.AddJoint(PrismaticJoint(name, ground.body_frame(), body.body_frame(), up))
+    plant.AddJointActuator(name, joint).set_controller_gains(_PAD_GAINS)
+    return body
+
+
+def put_feet_on_pads(model: PlatformModel, scene_graph: SceneGraph) -> None:
+    """Has the feet touch their pads alone, which move through the plane.
 
     Args:
-        plant: the plant.
-        body: body on which the foot stands, whose origin is on the lowest plane of the ground.
-        name: name of the pad.
-        leg: the leg.
-        middle: extension at which its foot is over the middle of the pad [m].
-        height: height of the foot's ground above the lowest plane [m]; 0: there is no pad.
+        model: a platform on moving ground.
+        scene_graph: the scene graph of its plant.
     """
-    if height == 0.0:
-        return
-    x, y, _ = foot_to_centre(leg, middle)
-    side = _PAD_SIZE * leg.l_4
-    pad = Box(side, side, height)
-    X_GP = RigidTransform(np.array([-x, -y, 0.5 * height]))
-    plant.RegisterCollisionGeometry(body, X_GP, pad, name, ground_contact())
-    plant.RegisterVisualGeometry(body, X_GP, pad, f"{name}_visual", _PAD_COLOUR)
+    plant = model.plant
+    rollers, plane = (
+        GeometrySet([g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)])
+        for bodies in (model.leg_bodies("roller"), [plant.GetBodyByName("ground")])
+    )
+    apart = CollisionFilterDeclaration().ExcludeBetween(rollers, plane)
+    scene_graph.collision_filter_manager().Apply(apart)
 
 
 def add_visualization(

@@ -11,6 +11,7 @@ from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
     add_platform,
     add_visualization,
+    put_feet_on_pads,
 )
 from parapod.diagrams.levelling_platform.plants import (
     Drives,
@@ -18,7 +19,6 @@ from parapod.diagrams.levelling_platform.plants import (
     draw_as_full,
     efforts_of_legs,
     led_legs,
-    moved_pads,
     observe,
     put_on_ground,
 )
@@ -55,9 +55,12 @@ def add_mujoco_plant(
         geometry,
         beginning.foot_offsets,
         scenario.machine.structure,
-        drives.disturbances,
+        drives.disturbances.rising is not None,
     )
     plant.SetDefaultPositions(beginning.positions(model))
+    rising = drives.disturbances.rising
+    if rising is not None:
+        put_feet_on_pads(model, scene_graph)
     translated = MujocoModel(
         plant, scene_graph, model.balls, model.couplings, model.leg_bodies("roller")
     )
@@ -66,13 +69,12 @@ def add_mujoco_plant(
         groups.append((model.arm,))
     if model.has_rolling_wheels:
         groups.append(model.wheels)
-    pads = moved_pads(builder, model, drives.disturbances)
-    groups += [(pad,) for pad, _ in pads]
+    if rising is not None:
+        groups.append((model.pads,))
     bodies = add(builder, MujocoPlant(translated, groups))
-    load_force = _drive(builder, model, drives, bodies, [port for _, port in pads])
+    load_force = _drive(builder, model, drives, bodies)
     state = bodies.GetOutputPort("state")
     poses, place = bodies.GetOutputPort("body_poses"), scenario.machine.sensors.imu_place
-    rising = drives.disturbances.rising
     signals, observers = observe(builder, model, beginning, state, poses, place, rising)
     contact_force = bodies.GetOutputPort("contact_force")
     signals |= {"load_force": load_force, "contact_force": contact_force}
@@ -102,11 +104,7 @@ def add_mujoco_plant(
 
 
 def _drive(
-    builder: DiagramBuilder,
-    model: PlatformModel,
-    drives: Drives,
-    bodies: MujocoPlant,
-    pads: Sequence[OutputPort],
+    builder: DiagramBuilder, model: PlatformModel, drives: Drives, bodies: MujocoPlant
 ) -> OutputPort:
     """Has the bodies follow the drives, and the pads their ground; returns the rods' forces (4).
 
@@ -120,7 +118,8 @@ def _drive(
         driven_parts.append(drives.arm.GetOutputPort("state"))
     if model.has_rolling_wheels:
         driven_parts.append(drives.wheels)
-    driven_parts += pads
+    if drives.disturbances.rising is not None:
+        driven_parts.append(drives.disturbances.rising)
     desired = add(builder, Multiplexer([port.size() for port in driven_parts]), "desired_state")
     for i, port in enumerate(driven_parts):
         connect(builder, port, desired.get_input_port(i))

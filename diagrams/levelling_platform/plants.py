@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
-from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -26,6 +25,7 @@ from parapod.diagrams.levelling_platform.model import (
     add_drawing,
     add_platform,
     add_visualization,
+    put_feet_on_pads,
 )
 from parapod.diagrams.levelling_platform.ports import PARTS
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
@@ -126,11 +126,13 @@ def add_multibody_plant(
         scenario.geometry_as_built,
         beginning.foot_offsets,
         scenario.machine.structure,
-        drives.disturbances,
+        drives.disturbances.rising is not None,
     )
     plant.SetDefaultPositions(beginning.positions(model))
-    for pad, port in moved_pads(builder, model, drives.disturbances):
-        connect(builder, port, plant.get_desired_state_input_port(pad))
+    rising = drives.disturbances.rising
+    if rising is not None:
+        put_feet_on_pads(model, scene_graph)
+        connect(builder, rising, plant.get_desired_state_input_port(model.pads))
     if drives.arm is not None:
         arm = drives.arm.GetOutputPort("state")
         connect(builder, arm, plant.get_desired_state_input_port(model.arm))
@@ -139,9 +141,7 @@ def add_multibody_plant(
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
     state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
     place = scenario.machine.sensors.imu_place
-    signals, observers = observe(
-        builder, model, beginning, state, poses, place, drives.disturbances.rising
-    )
+    signals, observers = observe(builder, model, beginning, state, poses, place, rising)
     feet = observers[1]
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
     signals |= {"load_force": load_force, "contact_force": feet.GetOutputPort("contact_force")}
@@ -168,21 +168,6 @@ def add_multibody_plant(
 
     motion = partial(motion_in, builder, model, state)
     return PlatformPlant(signals, put, model=model, motion=motion, load=load, bend=bend)
-
-
-def moved_pads(
-    builder: DiagramBuilder, model: PlatformModel, disturbances: Disturbances
-) -> list[tuple[ModelInstanceIndex, OutputPort]]:
-    """Pads of ground that moves, and the state (2) that each is led to."""
-    pads = []
-    for i, is_moving in enumerate(disturbances.moves):
-        if is_moving and disturbances.rising is not None:
-            name = f"pad_{i + 1}"
-            own = np.eye(2 * LEG_COUNT)[[i, LEG_COUNT + i]]
-            state = add(builder, MatrixGain(own), f"{name}_state")
-            connect(builder, disturbances.rising, state.get_input_port())
-            pads.append((model.plant.GetModelInstanceByName(name), state.get_output_port()))
-    return pads
 
 
 def put_on_ground(

@@ -78,13 +78,11 @@ class PlatformModel:
         plant: the plant.
         ground_mount: frame on the world that carries the ground and can be inclined.
         geometry: dimensions of the legs as built.
-        depths: largest depth to which the ground under each foot gives way (4) [m].
     """
 
     plant: MultibodyPlant
     ground_mount: FixedOffsetFrame
     geometry: PlatformGeometry
-    depths: tuple[float, ...] = NO_OFFSETS
 
     @cached_property
     def base(self) -> RigidBody:
@@ -117,6 +115,11 @@ class PlatformModel:
         return tuple(
             self.plant.GetModelInstanceByName(f"wheel_{i + 1}") for i in range(WHEEL_COUNT)
         )
+
+    @cached_property
+    def pads(self) -> ModelInstanceIndex:
+        """The model instance of the pads, if ground moves."""
+        return self.plant.GetModelInstanceByName("pads")
 
     @cached_property
     def has_rolling_wheels(self) -> bool:
@@ -269,8 +272,7 @@ class PlatformModel:
             foot_offsets: (4) heights under the feet above the ground's plane, which the model
                 must have been built with [m].
         """
-        lowest = np.subtract(foot_offsets, self.depths)
-        self.ground_mount.SetPoseInParentFrame(context, ground_pose(ground, lowest))
+        self.ground_mount.SetPoseInParentFrame(context, ground_pose(ground, foot_offsets))
         self.plant.SetPositions(context, np.asarray(positions))
         self.plant.SetVelocities(context, np.zeros(self.plant.num_velocities()))
 

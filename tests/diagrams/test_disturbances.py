@@ -102,6 +102,26 @@ def test_two_subsidences_of_one_foot_are_one_of_both_depths(after):
     np.testing.assert_allclose(*ends, atol=2e-5)
 
 
+def test_ground_that_rises_lifts_its_foot(after):
+    arm = "machine.arm=!Rod {base_mm: [200, 0, 145], link: {mass_kg: 15}}"
+    rise = "[!Subsidence {at: 0.2, duration: 0.3, foot: 4, depth_mm: -6}]"
+    before, later = (after(time, rise, arm) for time in (0.15, 2.0))
+    # It turns about the line of the feet at the front, and the hind one on that side hangs.
+    roll, pitch, _ = later["posture"] - before["posture"]
+    assert roll > 3e-3
+    assert pitch == pytest.approx(0.0, abs=3e-4)
+    np.testing.assert_allclose(later["foot_height"], [0.006, 0.0, 0.0, 0.0], atol=6e-4)
+
+
+def test_ground_that_will_give_way_bears_the_wheels_as_it_is(after):
+    wheels = "job.start=wheels", "plant.wheels=rolling"
+    postures = [
+        after(1.0, disturbances, *wheels)["posture"]
+        for disturbances in ("[]", "[!Subsidence {at: 5, foot: 4, depth_mm: 10}]")
+    ]
+    np.testing.assert_allclose(*postures, atol=2e-4)
+
+
 def test_uneven_ground_may_give_way_too(after):
     uneven = "ground.foot_heights_mm=[0, 3, 0, 0]"
     arm = "machine.arm=!Rod {base_mm: [-200, 0, 145], link: {mass_kg: 15}}"
@@ -127,7 +147,7 @@ def test_a_course_begins_and_ends_where_it_should():
         ),
         (
             ("machine.arm=!None {}", "disturbances=[!Payload {}]"),
-            "disturbances.0: there is no arm whose tip could take a payload",
+            "disturbances.0: a platform without an arm takes no payload",
         ),
         (
             ("disturbances=[!Payload {}, !Payload {at: 20}]",),
