@@ -134,9 +134,9 @@ def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
         ScenarioError: disturbances that do not fit.
     """
     machine = scenario.machine
-    # Scenarios of some experiments have none.
-    disturbances = getattr(scenario, "disturbances", ())
-    check_disturbances(disturbances, scenario.backend in SIMULATED, machine.masses.arm.count > 0)
+    check_disturbances(
+        scenario.disturbances, scenario.backend in SIMULATED, machine.masses.arm.count > 0
+    )
     ports = make_ports(machine.actuators.params, machine.level_heights, machine.masses.arm)
     return {"ports": ports, "real": make_real(scenario)}
 

@@ -34,7 +34,7 @@ class ArmMotion:
 
     Attributes:
         platform_pose: quaternion and place (7) of the platform.
-        joint_state: positions of the arm's joints, and their rates (2n); None: there is no arm.
+        joint_state: positions of the arm's joints, and their rates (2n); None without an arm.
         platform_velocity: angular and linear velocity (6) of the platform; None where unknown.
     """
 

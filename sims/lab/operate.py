@@ -62,7 +62,7 @@ def operate(
     if scenario.backend == "hardware":
         from parapod.diagrams.drivers.driver import refuse_without_emulator
 
-        drivers = experiment.machine.drivers(scenario)
+        drivers = experiment.machine.drivers(experiment.machine_scenario(scenario))
         refuse_without_emulator(drivers, experiment.name)
     title = f"{experiment.name}: {experiment.machine.title}"
     with Desk(experiment.name, scenario, title, host) as desk:

@@ -29,7 +29,7 @@ from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.sims.lab.run import Monitor, Run, realtime_metric
 from parapod.sims.lab.runner import Live, Runner
 from parapod.sims.levelling_platform.levelling import check_friction, make_scene
-from parapod.sims.levelling_platform.tip_scene import TipScene
+from parapod.sims.levelling_platform.scene import TipScene
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError

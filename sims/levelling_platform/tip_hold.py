@@ -20,6 +20,7 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.disturbances import Payload
@@ -38,7 +39,7 @@ from parapod.sims.levelling_platform.inspection import (
     trigger,
 )
 from parapod.sims.levelling_platform.levelling import check_friction, make_scene
-from parapod.sims.levelling_platform.tip_scene import DisturbanceScene, TipScene
+from parapod.sims.levelling_platform.scene import DisturbanceScene, TipScene
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
@@ -173,7 +174,7 @@ class TipHold(LoopExperiment[TipHoldScenario, Run]):
         first = windows[0].samples.start
         yield Metric(
             "excursion_mm",
-            1e3 * float(_away(run)[first:].max()),
+            1e3 * float(np.linalg.norm(_missed(run)[first:], axis=1).max()),
             "mm",
             meaning="largest distance of the tip from its point after the first disturbance",
         )
@@ -210,22 +211,16 @@ def _payload_told(scenario: TipHoldScenario) -> PiecewisePolynomial | None:
     return None
 
 
-def _away(run: Run) -> NDArray[np.float64]:
-    """Distance of the tip from its point at each sample [m]; NaN before it has one."""
-    away: NDArray[np.float64] = np.linalg.norm(
-        run["truth.tip_pose"][:, 4:] - run["tip_goal"], axis=1
-    )
-    return away
+def _missed(run: Run) -> NDArray[np.float64]:
+    """Way (n, 3) from the point to the tip at each sample [m]; NaN before it has one."""
+    return run["truth.tip_pose"][:, 4:] - run["tip_goal"]
 
 
 def _distance(run: Run) -> NDArray[np.float64]:
-    """The same of the tip's average over the time before."""
-    missed = run["truth.tip_pose"][:, 4:] - run["tip_goal"]
+    """Distance (n) of the tip's average over the time before from its point [m]."""
     count = _samples(run)
-    sums = np.cumsum(np.nan_to_num(missed), axis=0)
-    averages = sums.copy()
-    averages[count:] -= sums[:-count]
-    distance: NDArray[np.float64] = np.linalg.norm(averages / count, axis=1)
+    averages = lfilter(np.full(count, 1.0 / count), 1.0, np.nan_to_num(_missed(run)), axis=0)
+    distance: NDArray[np.float64] = np.linalg.norm(averages, axis=1)
     return distance
 
 
@@ -288,17 +283,16 @@ def _watch(scenario: TipHoldScenario, loop: ClosedLoop[Any], meshcat: Meshcat | 
 def _draw(scenario: TipHoldScenario, run: Run, canvas: "Canvas") -> None:
     geometry = scenario.machine.geometry
     upper, middle, lower = canvas.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
-    goal = run["tip_goal"]
-    for label, tip in (
-        ("true", run["truth.tip_pose"][:, 4:]),
-        ("as measured", run["tip_estimated"]),
-    ):
-        upper.plot(run.time, 1e3 * np.linalg.norm(tip - goal, axis=1), label=label, linewidth=1.0)
+    true, measured = (
+        1e3 * np.linalg.norm(missed, axis=1)
+        for missed in (_missed(run), run["tip_estimated"] - run["tip_goal"])
+    )
+    upper.plot(run.time, true, label="true", linewidth=1.0)
+    upper.plot(run.time, measured, label="as measured", linewidth=1.0)
     upper.plot(run.time, 1e3 * _distance(run), label="true, averaged", linewidth=1.6)
     upper.axhline(_BOUND * scenario.machine.size, color="0.5", linewidth=0.8, linestyle="--")
     begin = min(each.at for each in scenario.disturbances) - 5.0
-    beyond = run.time > begin
-    upper.set_ylim(0.0, 1.1e3 * float(np.nanmax(_away(run)[beyond])))
+    upper.set_ylim(0.0, 1.1 * float(np.nanmax(true[run.time > begin])))
     for window in _windows(scenario, run):
         for axes in (upper, middle, lower):
             axes.axvline(window.begin, color="0.75", linewidth=0.8, zorder=0)

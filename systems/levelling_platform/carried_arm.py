@@ -384,7 +384,7 @@ class CarriedArm:
 
     @property
     def _stands(self) -> bool:
-        """Whether one of the postures is one on such ground, and none too steep."""
+        """Flag of ground on which one of `postures` stands, not too steep."""
         lower, upper = self._limits
         joints = np.zeros(self.arm.count)
         stroke = self.geometry.extension_min, self.geometry.extension_max

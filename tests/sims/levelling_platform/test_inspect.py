@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.levelling_platform.arms import FlexibleRod
 from parapod.sims.levelling_platform.inspection import Inspect, InspectScenario
-from parapod.sims.levelling_platform.tip_scene import TipScene
+from parapod.sims.levelling_platform.scene import TipScene
 from parapod.sims.output.figures import render
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.carried_arm import UnreachableTip
