@@ -38,7 +38,8 @@ class ArmDriveDesign(Schema):
             by mass and length; that of an arm of one's own has no limit.
         lower_deg: smallest position [deg]; null: that of the model, or of the joint's kind.
         upper_deg: largest position [deg]; null: that of the model, or of the joint's kind.
-        stiffness_Nm_rad: stiffness of the drive [N m/rad].
+        stiffness_Nm_rad: stiffness of the joint behind the drive [N m/rad]: its encoder, on the
+            motor, does not measure how far it gives way.
         time_constant_ms: lag of the position behind its command [ms]; 0: none.
     """
 
@@ -51,7 +52,7 @@ class ArmDriveDesign(Schema):
     time_constant_ms: float = quantity(0.0, 0.0, 1000.0)
 
     def limited(self, joint: ArmJoint, usual: float) -> ArmJoint:
-        """A joint with the limits of this drive, where the joint's own leave it free.
+        """A joint with the limits of this drive, where the joint's own leave it free, behind it.
 
         Args:
             joint: the joint, as its model has it.
@@ -66,7 +67,8 @@ class ArmDriveDesign(Schema):
             low = max(joint.lower, unit * self.lower_deg)
         if self.upper_deg is not None:
             high = min(joint.upper, unit * self.upper_deg)
-        return replace(joint, lower=low, upper=high)
+        compliance = 1.0 / self.stiffness_Nm_rad
+        return replace(joint, lower=low, upper=high, compliance=compliance)
 
     def drive_of(self, joint: ArmJoint) -> PositionDriveParams:
         """Limits of the drive of a joint, in SI units."""
@@ -156,7 +158,7 @@ class ArmDesign(Variant):
         return _TURN if joint.kind == "revolute" else 1e-3 * _LONG
 
     def driven(self, arm: SerialArm) -> SerialArm:
-        """The arm with the limits that its drives have.
+        """The arm with limits and stiffness of its drives.
 
         Args:
             arm: the arm as its model has it.

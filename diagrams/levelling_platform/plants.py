@@ -47,6 +47,7 @@ from parapod.systems.actuators.position_drive import PositionDrive, PositionDriv
 from parapod.systems.actuators.velocity_servo import VelocityServo
 from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
+from parapod.systems.arm.yielding_drives import YieldingDrives
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.inclined_ground import OnInclinedGround
 from parapod.systems.levelling_platform.kinematic_platform import KinematicPlatform
@@ -376,7 +377,12 @@ def add_kinematic_plant(
     if drives.arm is not None:
         arm = drives.arm.GetOutputPort("position")
         connect(builder, arm, platform.GetInputPort("arm_position"))
-        motion = replace(motion, joint_state=drives.arm.GetOutputPort("state"))
+        behind = add(builder, YieldingDrives(masses.arm))
+        connect(builder, platform.GetOutputPort("base_pose"), behind.GetInputPort("base_pose"))
+        connect(builder, drives.arm.GetOutputPort("state"), behind.GetInputPort("drive_state"))
+        if drives.disturbances.payload is not None:
+            connect(builder, drives.disturbances.payload, behind.GetInputPort("payload"))
+        motion = replace(motion, joint_state=behind.get_output_port())
     stance = add(builder, Demultiplexer([3, 9, 4, 4, 4]), "stance_parts")
     connect(builder, platform.GetOutputPort("stance"), stance.get_input_port(0))
     names = ("posture", "inertial_motion", "contact_force", "load_force", "foot_height")

@@ -21,6 +21,8 @@ from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.arm.rod_motion import check_rod, longest_period
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.vectors import Axes
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
 
 # Longest step of a rod that bends [s], unless its plant's are longer, and by how much a whole
@@ -168,6 +170,14 @@ def add_tip(
     def pose_at(beginning: Beginning) -> NDArray[np.float64]:
         return standing_pose(beginning.posture, beginning.ground)
 
+    def joints_on(pose: NDArray[np.float64]) -> list[float]:
+        """Joints of drives at zero: those of bodies begin to give way when these are let go."""
+        zeros = [0.0] * arm.count
+        if is_moving:
+            return zeros
+        gravity = Axes.from_quaternion(pose[:4].tolist()).components((0.0, 0.0, -GRAVITY))
+        return [float(q) for q in arm.yielded(zeros, gravity)]
+
     is_moving = motion.platform_velocity is not None
     begins = pose_at(simulation.beginning)
     longest = min(_LONGEST, longest_period(rod))
@@ -177,10 +187,15 @@ def add_tip(
     except ValueError as error:
         raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
     try:
-        bends = (
-            FlexibleArm(rod, period, arm, begins, "velocity", ["bending_force"], disturbances.mass)
-            if is_moving
-            else FlexibleArm(rod, period, arm, begins, "pose", ["wrench"], disturbances.mass)
+        bends = FlexibleArm(
+            rod,
+            period,
+            arm,
+            begins,
+            "velocity" if is_moving else "pose",
+            ["bending_force" if is_moving else "wrench"],
+            disturbances.mass,
+            joints_on(begins),
         )
     except ValueError as error:
         key, mass = "disturbances", disturbances.mass
@@ -194,7 +209,9 @@ def add_tip(
         connect(builder, disturbances.payload, bends.GetInputPort("payload"))
 
     def put(root_context: Context, beginning: Beginning) -> None:
-        bends.set_rest(bends.GetMyMutableContextFromRoot(root_context), pose_at(beginning))
+        pose = pose_at(beginning)
+        context = bends.GetMyMutableContextFromRoot(root_context)
+        bends.set_rest(context, pose, joints_on(pose))
 
     simulation.on_put(put)
     simulation.outputs["truth.tip_pose"] = bends.GetOutputPort("tip_pose")

@@ -22,7 +22,7 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.pointing import carried_arm, make_pointing_controller
-from parapod.diagrams.levelling_platform.scenario import BODIES, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -41,9 +41,9 @@ from parapod.systems.levelling_platform.sliders import TipSliders
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-# Largest distance of the tip from its point [mm]: of a machine as drawn; on bodies, whose feet
-# slip as the legs spread them, which no sensor sees, and whose drives yield; of one with errors.
-_PERFECT, _ON_BODIES, _WITH_ERRORS = 2.0, 5.0, 10.0
+# Largest distance of the tip from its point [mm]: of a machine as drawn, whose sensors are exact;
+# of one with errors or noise.
+_PERFECT, _WITH_ERRORS = 2.0, 10.0
 # Largest amplitude of the rod's vibration at a point [mm]; unshaped it is ten times that.
 _RESIDUAL = 15.0
 # Time for which the tip stays, beyond which a run goes on [s].
@@ -296,9 +296,11 @@ def trigger(scenario: LevellingScenario) -> Any:
 def tip_bound(scenario: LevellingScenario) -> float:
     """Largest admissible distance of the tip from its point [mm]."""
     plant, sensors = scenario.plant, scenario.machine.sensors
-    has_errors = plant.length_error_mm or plant.angle_error_deg or sensors.accel_bias_mg
-    perfect = _ON_BODIES if scenario.backend in BODIES else _PERFECT
-    return scenario.machine.size * (_WITH_ERRORS if has_errors else perfect)
+    errors = (
+        *(plant.length_error_mm, plant.angle_error_deg),
+        *(sensors.accel_bias_mg, sensors.gyro_bias_deg_s, sensors.imu_noise),
+    )
+    return scenario.machine.size * (_WITH_ERRORS if any(errors) else _PERFECT)
 
 
 def stays_of(run: Run) -> list[Stay]:

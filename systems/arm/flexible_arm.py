@@ -94,8 +94,8 @@ class FlexibleArm(LeafSystem):
     State: discrete, modal coordinates and their rates (4m), pose (7) and velocity (6) of the clamp
     at the last update, whether they are known (1), its motion and the force at the tip (12) in the
     last step, whether the tip has a payload (1); the forces that there are; updated every period.
-    It begins at rest, sagging under its weight, on `base_pose` with the joints at zero; without
-    one on the first pose that it is shown.
+    It begins at rest, sagging under its weight, on `base_pose` with the joints at `position`;
+    without the former on the first pose that it is shown.
 
     Bad input: with a pose, velocity or joint that is not finite, or absurd, the clamp is taken to
     rest where it was; poses and velocity of clamp and of the tip are not finite either.
@@ -110,6 +110,7 @@ class FlexibleArm(LeafSystem):
         base_motion: Literal["pose", "velocity"] = "velocity",
         forces: Sequence[Force] = ("wrench", "bending_force"),
         payload: float = 0.0,
+        position: Sequence[float] = (),
     ):
         """Creates the system.
 
@@ -121,6 +122,7 @@ class FlexibleArm(LeafSystem):
             base_motion: inputs that are read: the base's pose alone, or with its velocity.
             forces: outputs on a plant: each costs what it takes to work it out at every step.
             payload: mass of the payload that the tip may take [kg].
+            position: positions (n) of the joints in a default context [rad or m]; empty: zero.
 
         Raises:
             ValueError: a rod that buckles under its own weight, or a mode above what the period
@@ -149,7 +151,8 @@ class FlexibleArm(LeafSystem):
         self._mass = self.DeclareVectorInputPort("payload", 1)
         is_known = base_pose is not None
         pose = np.asarray(base_pose, dtype=float).tolist() if is_known else list(_AT_ORIGIN)
-        groups = self._rest(pose, [0.0] * arm.count, is_known=is_known)
+        joints = list(position) or [0.0] * arm.count
+        groups = self._rest(pose, joints, is_known=is_known)
         state, *indices = (self.DeclareDiscreteState(np.array(group)) for group in groups)
         rods = {self.discrete_state_ticket(state)}
         now = rods | {self._pose.ticket(), self._joints.ticket()}

@@ -13,8 +13,9 @@ is found by Newton's method along the nearest solution of the linearised conditi
     x' = x_0 + V J^T (J V J^T)^-1 (target - f(x) + J (x - x_0)),
 
 with the inverse V of that sum's matrix and the Jacobian J (Siciliano and others, Robotics, 2009,
-section 3.5). It serves a serial arm of any joints, sagging or rigid, and what it finds is proved
-by the forward kinematics: `TipSolution.error`.
+section 3.5). It serves a serial arm of any joints, rigid or with a rod that sags, behind drives
+that give way under its weight; and what it finds is proved by the forward kinematics:
+`TipSolution.error`.
 
 It starts from where the arm is, then from places all over its joints' ranges, on a level platform,
 and, where that leaves less than a tenth of the stroke, on one whose legs are all in the middle of
@@ -140,6 +141,7 @@ class CarriedArm:
         rod: rod on the last link that bends; None: it is rigid.
         ground: roll and pitch of the ground [rad].
         foot_offsets: heights of the feet above the ground's plane (4) [m].
+        payload: mass that the tip bears besides [kg].
         margin: least stability margin [m].
         base: half length, half width and depth of the platform's base below F, out of which the
             arm stays [m]; None where nothing is known of it.
@@ -152,14 +154,25 @@ class CarriedArm:
     rod: FlexibleRod | None = None
     ground: tuple[float, float] = (0.0, 0.0)
     foot_offsets: tuple[float, ...] = (0.0,) * LEG_COUNT
+    payload: float = 0.0
     margin: float = 0.0
     base: tuple[float, float, float] | None = None
     rates: tuple[float, ...] | None = None
 
+    @cached_property
+    def loaded(self) -> KinematicPlatformParams:
+        """Masses, and the arm with its payload."""
+        return replace(self.params, arm=self.params.arm.bearing(self.payload))
+
     @property
     def arm(self) -> SerialArm:
-        """The arm."""
-        return self.params.arm
+        """The arm with its payload."""
+        return self.loaded.arm
+
+    @cached_property
+    def _bending(self) -> FlexibleRod | None:
+        rod = self.rod
+        return replace(rod, tip_mass=rod.tip_mass + self.payload) if rod is not None else None
 
     @cached_property
     def _footprint(self) -> list[Point]:
@@ -283,7 +296,7 @@ class CarriedArm:
         """Stability margins (...) of solutions, the arm at rest [m]."""
         footing = Footing(solution.extension, solution.posture[..., :2], self.ground)
         return np.asarray(
-            tipping_margin(self.geometry, self.params, footing, ArmMotion(solution.joints))
+            tipping_margin(self.geometry, self.loaded, footing, ArmMotion(solution.joints))
         )
 
     def admits(self, posture: ArrayLike, joints: ArrayLike) -> NDArray[np.bool_]:
@@ -333,13 +346,14 @@ class CarriedArm:
         self, joints: Sequence[Elementwise], roll: Elementwise, pitch: Elementwise
     ) -> tuple[Vector3, Vector3]:
         """Place of the tip from F, and its direction of view, in the platform's frame."""
-        if self.rod is None:
-            pose = self.arm.tip_pose(joints)
-            return pose.place, _third(pose)
-        link = self.arm.link_poses(joints)[-1]
         up = scaled(to_platform((0.0, 0.0, 1.0), roll, pitch), self.params.gravity)
+        behind = self.arm.yielded(joints, scaled(up, -1.0))
+        if self._bending is None:
+            pose = self.arm.tip_pose(behind)
+            return pose.place, _third(pose)
+        link = self.arm.link_poses(behind)[-1]
         x, y, z = turned_back(link.rotation, up)
-        in_plane, across = self.rod.sag(x, z, 0), self.rod.sag(y, z, 1)
+        in_plane, across = self._bending.sag(x, z, 0), self._bending.sag(y, z, 1)
         p_x, p_y, p_z = self.arm.tip_place
         place = (
             p_x + in_plane.across,

@@ -174,13 +174,12 @@ class TipLoop(LeafSystem):
     | out `tip_estimated` | 3 | m | the tip, as all of these see it |
     | out `tip_arrived` | 1 | 0/1 | 1 once the tip is at its point, or comes no nearer |
 
-    The tip follows from the measured joints, the estimated attitude and the sag at rest, that of a
-    payload with it where a rod bends. The
-    platform's height is the median of what its four legs tell on their own: one of them may stand
-    on ground that has given way. While reference and arm are at rest, the correction of roll,
-    pitch and height moves at k J^-1 times what the tip misses, with the Jacobian J of the tip by
-    the posture. During moves it stays: most of what it makes good, legs that are not built as
-    drawn, is there again.
+    The tip follows from the measured joints, the estimated attitude, the sag at rest and what the
+    drives give way, under a payload too. The platform's height is the median of what its four legs
+    tell on their own: one of them may stand on ground that has given way. While reference and arm
+    are at rest, the correction of roll, pitch and height moves at k J^-1 times what the tip
+    misses, with the Jacobian J of the tip by the posture. During moves it stays: most of what it
+    makes good, legs that are not built as drawn, is there again.
 
     A direction of view is not corrected: the legs have three freedoms, and the point takes them.
 
@@ -354,10 +353,8 @@ def _on(
     payload: Sequence[float] = (0.0,),
 ) -> CarriedArm:
     """Platform and arm on other ground, with a payload (1) at the tip."""
-    (roll, pitch), (mass,), rod = ground, payload, carried.rod
-    if rod is not None and mass > 0.0:
-        rod = replace(rod, tip_mass=rod.tip_mass + mass)
-    return replace(carried, ground=(roll, pitch), foot_offsets=tuple(foot_offsets), rod=rod)
+    (roll, pitch), (mass,), offsets = ground, payload, tuple(foot_offsets)
+    return replace(carried, ground=(roll, pitch), foot_offsets=offsets, payload=max(mass, 0.0))
 
 
 def _pull(

@@ -37,9 +37,10 @@ from parapod.systems.levelling_platform.workspace import boundary
 _LEVEL = (0.0, 0.0)
 # Points along each edge of the legs' faces, by which the largest attitudes are known.
 _EDGE = 9
-# Most steps of Newton's method, their largest parts and step of differences [rad]; distance from
-# its place from which one step is enough, and at which the tip is there [m].
-_NEWTON, _LONGEST, _DIFFERENCE, _CLOSE, _REACHED = 9, 0.3, 1e-6, 1e-4, 1e-6
+# Most steps of Newton's method, their largest parts, step after which none is needed, and step of
+# differences [rad]; distance from its place at which the tip is there [m]. Near the rim, where two
+# solutions meet, every step halves what is left only.
+_NEWTON, _LONGEST, _SHORT, _DIFFERENCE, _REACHED = 16, 0.3, 1e-4, 1e-6, 1e-6
 # Way by which a limit may be passed [rad or m].
 _SLACK = 1e-9
 # Room of joints below which no solution is looked for [rad], smallest determinant [m^2] and
@@ -167,12 +168,12 @@ class TipColumns:
         return height
 
     def _joints_at(self, attitudes: Array) -> Array:
-        """Places (m, 3) of the arm's joint at attitudes (m, 2): between tips to either side."""
-        rigid = replace(self.carried, rod=None)
-        sides = np.array([[[0.0, -0.5 * math.pi]], [[0.0, 0.5 * math.pi]]])
+        """Places (m, 3) of the arm's joint at attitudes (m, 2)."""
+        params = self.carried.params
+        short = replace(params, arm=replace(params.arm, tip_place=(0.0, 0.0, 0.0)))
         heights = np.full(len(attitudes), self.height)
-        tips = rigid.tip_position(np.column_stack([attitudes, heights]), sides)
-        return np.asarray(tips.mean(axis=0))
+        carried = replace(self.carried, rod=None, params=short)
+        return carried.tip_position(np.column_stack([attitudes, heights]), (0.0, 0.0))
 
     @cached_property
     def _rows(self) -> tuple[Array, Array]:
@@ -310,7 +311,7 @@ class TipColumns:
             size = np.where(np.abs(size) < _SINGULAR, _SINGULAR, size)
             step = np.stack([d * x - b * y, a * y - c * x], axis=-1) / size[:, np.newaxis]
             chain[left[:, np.newaxis], unknown] += np.clip(step, -_LONGEST, _LONGEST)
-            left = left[np.hypot(x, y) > _CLOSE]
+            left = left[np.abs(step).max(axis=-1) > _SHORT]
         tip = self._tips(chain)
         solved[is_near], z = chain, np.full(is_near.shape, math.nan)
         z[is_near], is_admissible = tip[:, 2], is_near.copy()

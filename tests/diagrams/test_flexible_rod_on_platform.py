@@ -1,6 +1,7 @@
 """The rod that bends behind the platform's station: beginning, sag, wrench, on every backend."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from parapod.diagrams.station import Station
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.levelling_platform.carried_arm import CarriedArm
 
 BACKENDS = ("kinematic", "multibody", "mujoco")
 REDUCED = "plant={leg_model: reduced, time_step: 0.005}"
@@ -101,6 +103,30 @@ def test_a_stiff_rod_is_as_the_rigid_one(backend):
     np.testing.assert_allclose(
         flexible["truth.tip_pose"][4:], rigid["truth.tip_pose"][4:], atol=1e-3
     )
+
+
+@pytest.mark.parametrize("arm", ["Rod", "FlexibleRod"])
+def test_drives_give_way_alike_behind_every_backend(backend, arm):
+    angle, stiffness = math.radians(50.0), 2000.0
+    settings = (f"machine.arm.drives.stiffness_Nm_rad={stiffness}", "ground.roll_deg=0")
+    damped = ("machine.arm.damping_ratio=0.2",) if arm == "FlexibleRod" else ()
+    soft = Platform(backend, *settings, *damped, arm=f"machine.arm=!{arm} {{}}")
+    tip = soft.lean(angle).rest(3.0)["truth.tip_pose"][4:]
+    masses = soft.scenario.machine.masses
+    carried = CarriedArm(
+        soft.scenario.geometry_as_built, masses, soft.scenario.machine.arm.bending
+    )
+    posture, lean = soft["truth.posture"], (0.0, angle)
+    # Against the tip at zero: bodies turn and slip a little.
+    there = carried.tip_position(posture, lean)
+    rigid = replace(
+        masses.arm, joints=tuple(replace(j, compliance=0.0) for j in masses.arm.joints)
+    )
+    stiff = replace(carried, params=replace(masses, arm=rigid)).tip_position(posture, lean)
+    given_way = np.linalg.norm(there - stiff)
+    lever = masses.arm.first_moment((0.0, angle))[0] * GRAVITY / stiffness
+    assert given_way == pytest.approx(2.02 * lever, rel=0.05)
+    assert np.linalg.norm(tip - there) < 0.12 * given_way
 
 
 def test_a_reset_puts_the_rod_at_rest_again():

@@ -260,3 +260,52 @@ def test_positions_that_are_not_finite_give_nan():
 def test_positions_are_told_in_the_units_of_their_joint():
     assert ArmJoint("a").shown(math.radians(30.0)) == "30 deg"
     assert ArmJoint("a", kind="prismatic").shown(0.25) == "250 mm"
+
+
+def test_efforts_that_hold_the_arm_are_those_of_its_reaction_at_rest(drake):
+    random = np.random.default_rng(5)
+    count = drake.arm.count
+    still = np.zeros(count)
+    for position in random.uniform(-0.8, 0.8, (5, count)):
+        efforts = drake.arm.holding_efforts(position.tolist(), GRAVITY)
+        expected = drake.arm.reaction(position, still, still, GRAVITY).efforts
+        np.testing.assert_allclose(efforts, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_payload_is_a_point_mass_at_the_tip(drake):
+    random = np.random.default_rng(6)
+    arm, mass, count = drake.arm, 0.7, drake.arm.count
+    loaded = arm.bearing(mass)
+    assert loaded.mass == pytest.approx(arm.mass + mass)
+    position, rate, acceleration = random.uniform(-0.5, 0.5, (3, count))
+    jacobian = np.array(arm.tip_jacobian(position))[3:]
+    still = np.zeros(count)
+    # Its equation of motion along the joints, the bias of its acceleration by differences.
+    step = 1e-5
+    later, sooner = (
+        np.array(arm.tip_jacobian(position + sign * step * rate))[3:] for sign in (1, -1)
+    )
+    pull = jacobian @ acceleration + (later - sooner) / (2 * step) @ rate - np.array(GRAVITY)
+    more = mass * jacobian.T @ pull
+    motion = position, rate, acceleration, GRAVITY
+    found = np.subtract(loaded.reaction(*motion).efforts, arm.reaction(*motion).efforts)
+    np.testing.assert_allclose(found, more, rtol=1e-7, atol=1e-8)
+    assert arm.bearing(0.0) is arm
+    assert SerialArm().bearing(mass).mass == 0.0
+    assert np.isfinite(loaded.reaction(position, still, still, GRAVITY).efforts).all()
+
+
+def test_joints_give_way_until_their_drives_springs_hold_them(drake):
+    compliances = np.linspace(2e-5, 1e-4, drake.arm.count)
+    joints = (
+        replace(joint, compliance=by)
+        for joint, by in zip(drake.arm.joints, compliances, strict=True)
+    )
+    soft = replace(drake.arm, joints=tuple(joints))
+    drives = np.random.default_rng(7).uniform(-0.8, 0.8, soft.count)
+    behind = np.array(soft.yielded(drives.tolist(), GRAVITY))
+    sprung = (drives - behind) / compliances
+    efforts = np.array(soft.holding_efforts(behind.tolist(), GRAVITY))
+    assert np.abs(drives - behind).max() > 1e-4
+    np.testing.assert_allclose(sprung, efforts, atol=2e-3 * np.abs(efforts).max())
+    assert drake.arm.yielded(drives.tolist(), GRAVITY) == tuple(drives)
