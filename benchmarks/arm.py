@@ -1,11 +1,14 @@
 """Cost of an arm that bends: loops beside those with a rigid one, and the tip's kinematics."""
 
 import statistics
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 from rich.console import Console
 
 from benchmarks.factor import rate
@@ -15,7 +18,11 @@ from benchmarks.yardstick import DRAKE, NUMPY, seconds
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.arms import FlexibleRod, Rod
 from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.levelling_platform.pointing import make_pointing_controller
+from parapod.sims.levelling_platform.inspection import Inspect, InspectScenario
+from parapod.sims.real_machine.real_time import RealTimeLoop, percentiles, rehearse, undisturbed
 from parapod.systems.arm import flexible_rod
+from parapod.systems.core.ports import value_of
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.statics import PAPER_ARM
 from parapod.systems.levelling_platform.tip import TipReach
@@ -30,6 +37,9 @@ _LOOPS = (
 _BOUND = 1.1
 # Simulated time of a turn, and number of turns, of which each loop takes its share [s, -].
 _TURN, _TURNS = 0.1, 100
+# Points of `inspect` to which the tip goes, the last of which is the hardest, and the time that
+# a loop has for them [s].
+_WAY, _LONGEST = slice(4, 7), 40.0
 # Points of the tip, the largest lean of the arm there [rad], and the bound of their rate [M/s].
 _POINTS, _LEAN, _TIP_BOUND = 200_000, 1.3, 1.0
 
@@ -42,6 +52,9 @@ def run(console: Console) -> list[Measurement]:
         results.append(Measurement(name, _cost(case), "x", _BOUND, at_most=True))
     for name, rod in (("rigid", None), ("that bends", flexible_rod.FlexibleRod())):
         results += _tip(name, TipReach(PlatformGeometry(), PAPER_ARM, rod))
+    for backend, where in (("kinematic", "in a tick"), ("hardware", "by another process")):
+        console.print(f"  the tip put to points, answers {where} ...", highlight=False)
+        results += _ticks(f"tick with answers worked out {where}", backend)
     return results
 
 
@@ -79,4 +92,31 @@ def _tip(name: str, reach: TipReach) -> list[Measurement]:
     return [
         Measurement(what, points_a_second / 1e6, "M/s", _TIP_BOUND, pace=pace),
         Measurement("  largest error", worst * 1e9, "nm", 1000.0, at_most=True),
+    ]
+
+
+def _ticks(name: str, backend: str) -> list[Measurement]:
+    """Ticks of a loop in real time that puts the tip to points, its controller as on a backend."""
+    scenario = InspectScenario(backend="kinematic")
+    inspection = scenario.inspection
+    inspection.points = inspection.points[_WAY]
+    controller = make_pointing_controller(replace(scenario, backend=backend))
+    loop: Any = Inspect("inspect").loop(scenario, controller=controller, log=())
+    simulator, script = Simulator(loop), loop.GetSubsystemByName("tip_script")
+
+    def look(root: Context) -> None:
+        if value_of(script, "points_done", root)[0] >= len(inspection.points):
+            raise StopIteration
+
+    with undisturbed():
+        simulator.Initialize()
+        rehearse(loop, simulator.get_context())
+        running = RealTimeLoop(simulator, scenario.control.period, look, is_strict=False)
+        with suppress(StopIteration):
+            running.run(_LONGEST)
+    _, most, longest = 1e3 * percentiles(running.timing.cost)
+    bound = 1e3 * running.timing.period if backend == "hardware" else None
+    return [
+        Measurement(f"{name}: longest", longest, "ms", bound, at_most=True),
+        Measurement("  99 %", most, "ms"),
     ]

@@ -21,6 +21,8 @@ _SHOWN = (
     *("stability_margin", "arm.position_command", "arm_margin", "arm_refused"),
     *("tip_goal", "tip_estimated", "tip_arrived", "tip_refused"),
 )
+# Time in which another process has worked out posture and joints for a point [ms].
+_ANSWER = 300.0
 # Rate of the passive leg's trim [m/s]: where ground gives way, a platform on two feet rolls down
 # the slope until the others stand again. Twice as fast, the trim goes on beyond the contact.
 _TRIM_RATE = 1.5e-3
@@ -83,10 +85,14 @@ def make_pointing_controller(
         has_payload: true if the controller is told what the tip bears besides.
     """
     carried, period = carried_arm(scenario), scenario.control.period
+    is_real, answer_ms = scenario.backend == "hardware", scenario.control.tip_answer_ms
+    if answer_ms is None:
+        answer_ms = _ANSWER if is_real else 0.0
     calculated, enabled = "extension_calculated_state", {"enable": "ground_valid"}
     loop = TipLoop(carried, period=period), enabled
     chain, names = posture_chain(scenario, "clamp", "ground_valid", calculated, [loop])
-    feedforward = TipFeedforward(carried, scenario.level_height, has_view, on_unreachable, period)
+    how = has_view, on_unreachable, period, 1e-3 * answer_ms, is_real
+    feedforward = TipFeedforward(carried, scenario.level_height, *how)
     trimmed = {
         "extension_desired_state": calculated,
         "extension_trimmed_state": "extension_desired_state",

@@ -158,6 +158,8 @@ class ControlScenario(UsualControlScenario):
         arm_damping_by_legs: inclination of the platform by the legs so that the arm's rod does
             not vibrate: "none", by the arm's commands ("feedforward"), against the vibration that
             an observer has from encoders ("feedback"), or "both".
+        tip_answer_ms: time from a command of the tip to posture and joints for it [ms]; null: none
+            in a simulation, 300 on hardware, where another process works them out.
     """
 
     period: float = quantity(0.01, 0.001, 0.05)
@@ -176,6 +178,7 @@ class ControlScenario(UsualControlScenario):
     arm_frequencies_Hz: list[float] | None = quantity(None, 0.01, 500.0)  # noqa: N815 (the unit's)
     arm_damping_ratio: float | None = quantity(None, 0.0, 0.3)
     arm_damping_by_legs: str = choice("none", ("none", "feedforward", "feedback", "both"))
+    tip_answer_ms: float | None = quantity(None, 0.0, 10_000.0)
 
     @property
     def encoder_offsets(self) -> NDArray[np.float64]:

@@ -5,15 +5,21 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from parapod.systems.core.background import Background
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
+from parapod.systems.levelling_platform.carried_arm import (
+    BarredTip,
+    CarriedArm,
+    Reach,
+    UnreachableTip,
+)
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.leg import foot_to_centre
@@ -29,6 +35,43 @@ _HEAVIEST = 1e4
 _THERE, _AT_REST = 1e-6, 1e-9
 
 
+class _Answer(NamedTuple):
+    """What follows from a command.
+
+    Attributes:
+        goal: point (3) that is aimed at [m].
+        reach: posture and joints for it; None: they stay.
+        refusal: why that is not the point of the command; None: it is.
+    """
+
+    goal: NDArray[np.float64]
+    reach: Reach | None
+    refusal: UnreachableTip | BarredTip | None
+
+
+def _answer(
+    standing: Callable[..., CarriedArm], question: list[float], joints: list[float]
+) -> _Answer:
+    """Posture and joints for a command, or for the nearest point of one out of reach.
+
+    Args:
+        standing: platform and arm by the ground (2) and its offsets (4).
+        question: command, ground and offsets (w + 6).
+        joints: positions (n) at which the arm is [rad or m].
+    """
+    end = len(question) - LEG_COUNT
+    carried = standing(question[end - 2 : end], question[end:])
+    goal, view = np.array(question[:_POINT]), question[_POINT : end - 2] or None
+    try:
+        return _Answer(goal, carried.reach(goal, joints, view), None)
+    except UnreachableTip as error:
+        with suppress(UnreachableTip, BarredTip):
+            return _Answer(error.nearest, carried.reach(error.nearest, joints), error)
+        return _Answer(goal, None, error)
+    except BarredTip as error:
+        return _Answer(goal, None, error)
+
+
 class TipFeedforward(LeafSystem):
     """Posture, turntable and arm for a point at which the tip is wanted.
 
@@ -42,17 +85,24 @@ class TipFeedforward(LeafSystem):
     | out `posture_command` | 3 | rad, rad, m | posture of the platform |
     | out `arm_request` | n | rad or m | positions of the arm's joints |
     | out `tip_refused` | 1 | 0/1 | 1 while the command is not what is aimed at |
+    | out `tip_answered` | 1 | 0/1 | 1 while all this is the answer to the command |
 
     w is 3, or 6 with a direction of view. Each new command, and each new estimate of the ground,
     is answered once, by `CarriedArm.reach` from where the arm was last told to be: the answer may
     jump, and what follows it, `PostureReference` and `StabilityMonitor`, does not.
 
+    The answer comes `answer_delay` after the question. What is asked for meanwhile waits for it,
+    and the newest of that is the next question; all before it is dropped. With `in_background`
+    another process works out the answer, and no update waits for it: while it is not there in
+    time, the outputs stay. Then the time of an answer depends on the computer, and nothing else.
+
     A point out of reach ends the simulation with `UnreachableTip`, before anything moves towards
     it, or with `on_unreachable="clamp"` the nearest point is aimed at. One that stability or the
     machine's parts forbid ends it with `BarredTip`, or changes nothing.
 
-    State: discrete, each output; command, ground and offsets answered last (w + 6); updated every
-    period.
+    State: discrete, each output but the last; command, ground and offsets answered last (w + 6),
+    those of the question (w + 6), and when its answer is due (1) [s], infinite without a question;
+    updated every period. Without `enable` there is none.
 
     Bad input: a command or ground that is not finite changes nothing.
     """
@@ -64,6 +114,8 @@ class TipFeedforward(LeafSystem):
         has_view: bool = False,
         on_unreachable: Literal["raise", "clamp"] = "raise",
         period: float = 0.01,
+        answer_delay: float = 0.0,
+        in_background: bool = False,
     ):
         """Creates the system.
 
@@ -73,12 +125,19 @@ class TipFeedforward(LeafSystem):
             has_view: true if commands have a direction of view.
             on_unreachable: reaction to a command that cannot be.
             period: period of the updates [s].
+            answer_delay: time from a question to its answer [s].
+            in_background: true for a machine in real time.
         """
         if on_unreachable not in ("raise", "clamp"):
             raise ValueError(f'on_unreachable must be "raise" or "clamp", not {on_unreachable!r}')
         super().__init__()
         self.set_name("tip_feedforward")
-        self._carried, self._on_unreachable = carried, on_unreachable
+        self._on_unreachable, self._delay = on_unreachable, answer_delay
+        self._in_background = in_background
+        answer = partial(_answer, Remembered(partial(_on, carried)))
+        self._answer: Callable[..., _Answer | None] = (
+            Background(answer) if in_background else answer
+        )
         width = _POINT_AND_VIEW if has_view else _POINT
         self._command = self.DeclareVectorInputPort("tip_command", width)
         self._ground = self.DeclareVectorInputPort("ground", 2)
@@ -98,38 +157,55 @@ class TipFeedforward(LeafSystem):
         self._goal, self._posture, self._joints, self._refused = (
             states[name] for name, _ in outputs
         )
-        self._answered: Any = self.DeclareDiscreteState(np.full(width + 2 + LEG_COUNT, math.nan))
+        never = np.full(width + 2 + LEG_COUNT, math.nan)
+        self._answered: Any = self.DeclareDiscreteState(never)
+        self._question: Any = self.DeclareDiscreteState(never)
+        self._due: Any = self.DeclareDiscreteState(np.array([math.inf]))
+        self.DeclareVectorOutputPort(
+            "tip_answered",
+            1,
+            self._calc_answered,
+            {self._command.ticket(), self.discrete_state_ticket(self._answered)},
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_answer)
 
+    def _calc_answered(self, context: Context, output: BasicVector) -> None:
+        command = read(self._command, context)
+        answered = elements(context.get_discrete_state(self._answered))
+        output[0] = float(command == answered[: len(command)])
+
     def _update_answer(self, context: Context, state: Any) -> None:
+        now, due = context.get_time(), context.get_discrete_state(self._due)[0]
         if not is_on(self._enable, context):
+            state.set_value(self._due, np.array([math.inf]))
             return
-        command, ground = read(self._command, context), read(self._ground, context)
-        offsets = read_or_zeros(self._offsets, context)
-        asked_for = np.array(command + ground + offsets)
-        answered = context.get_discrete_state(self._answered).value()
-        if not np.isfinite(asked_for).all() or np.array_equal(asked_for, answered):
-            return
-        carried = _on(self._carried, ground, offsets)
-        joints = context.get_discrete_state(self._joints).CopyToVector()
-        point, view = np.array(command[:_POINT]), command[_POINT:] or None
-        reach, refusal = None, None
-        try:
-            reach = carried.reach(point, joints, view)
-        except (UnreachableTip, BarredTip) as error:
-            if self._on_unreachable == "raise":
-                raise
-            refusal = error
-        if isinstance(refusal, UnreachableTip):
-            point = refusal.nearest
-            with suppress(UnreachableTip, BarredTip):
-                reach = carried.reach(point, joints)
-        state.set_value(self._answered, asked_for)
-        state.set_value(self._refused, np.array([float(refusal is not None)]))
-        if reach is not None:
-            state.set_value(self._goal, point)
-            state.set_value(self._posture, reach.solution.posture)
-            state.set_value(self._joints, reach.solution.joints)
+        question = elements(context.get_discrete_state(self._question))
+        if due == math.inf:
+            question = read(self._command, context) + read(self._ground, context)
+            question += read_or_zeros(self._offsets, context)
+            answered = elements(context.get_discrete_state(self._answered))
+            if not np.isfinite(question).all() or question == answered:
+                return
+            due = now + self._delay
+            state.set_value(self._question, np.array(question))
+            state.set_value(self._due, np.array([due]))
+        is_due = now >= due - 1e-9
+        if is_due or self._in_background:  # which begins with a question as soon as it can
+            answer = self._answer(question, elements(context.get_discrete_state(self._joints)))
+            if is_due and answer is not None:
+                self._take(question, answer, state)
+
+    def _take(self, question: list[float], answer: _Answer, state: Any) -> None:
+        """Aims at what a question is answered by."""
+        if answer.refusal is not None and self._on_unreachable == "raise":
+            raise answer.refusal
+        state.set_value(self._due, np.array([math.inf]))
+        state.set_value(self._answered, np.array(question))
+        state.set_value(self._refused, np.array([float(answer.refusal is not None)]))
+        if answer.reach is not None:
+            state.set_value(self._goal, answer.goal)
+            state.set_value(self._posture, answer.reach.solution.posture)
+            state.set_value(self._joints, answer.reach.solution.joints)
 
 
 @dataclass(frozen=True)
@@ -169,6 +245,7 @@ class TipLoop(LeafSystem):
     | in `ground` | 2 | rad | estimated roll and pitch of the ground |
     | in `foot_offsets` | 4 | m | how far each foot stands above the ground; unconnected: 0 |
     | in `payload` | 1 | kg | mass that the tip is known to bear besides; unconnected: 0 |
+    | in `tip_answered` | 1 | - | above 0.5: the goal is that of the command; unconnected: always |
     | in `enable` | 1 | - | above 0.5: correct; otherwise the correction is zero |
     | out `posture_corrected_state` | 6 | rad, rad, m and rates | what the legs are asked for |
     | out `tip_estimated` | 3 | m | the tip, as all of these see it |
@@ -220,6 +297,7 @@ class TipLoop(LeafSystem):
             ("ground", 2),
             ("foot_offsets", LEG_COUNT),
             ("payload", 1),
+            ("tip_answered", 1),
             ("enable", 1),
         )
         ports = {name: self.DeclareVectorInputPort(name, size) for name, size in sizes}
@@ -300,7 +378,10 @@ class TipLoop(LeafSystem):
         has_waited = now - since >= self._params.patience
         is_near = float(np.linalg.norm(missed)) <= self._params.tolerance
         was_there = context.get_discrete_state(self._arrived)[0] > 0.5
-        state.set_value(self._arrived, np.array([float(is_near or has_waited or was_there)]))
+        answered = self._ports["tip_answered"]
+        is_asked_for = not answered.HasValue(context) or is_on(answered, context)
+        has_arrived = is_asked_for and (is_near or has_waited or was_there)
+        state.set_value(self._arrived, np.array([float(has_arrived)]))
         correction = context.get_discrete_state(self._correction).CopyToVector()
         correction = self._moved(context, correction, missed)
         state.set_value(self._correction, correction)
@@ -430,8 +511,8 @@ class TipScript(LeafSystem):
                 state.set_value(self._command, self._points[0])
                 start = now
         elif count < len(self._points):
-            # The answer to a command comes two periods after it.
-            is_there = is_on(self._arrival, context) and now > start + 3.0 * self._period
+            # What is told a period after a command has been worked out before it.
+            is_there = is_on(self._arrival, context) and now > start + 1.5 * self._period
             since = min(since, now) if is_there else math.inf
             if now - since >= self._hold - 1e-9:
                 count += 1

@@ -735,16 +735,19 @@ ENTRIES: dict[str, Entry] = {
     ),
     "TipFeedforward": Entry(
         lambda: {"carried": CARRIED, "height": 0.478},
-        variants=({"on_unreachable": "clamp", "has_view": True},),
+        variants=({"on_unreachable": "clamp", "has_view": True}, {"answer_delay": 0.01}),
         inputs={"tip_command": tip},
-        limits={"tip_refused": BINARY},
+        limits={"tip_refused": BINARY, "tip_answered": BINARY},
         passes={"NaN before the first": "tip_goal"},
         raises=(UnreachableTip, BarredTip),
     ),
     "TipLoop": Entry(
         lambda: {"carried": CARRIED},
         variants=({"carried": replace(CARRIED, rod=FlexibleRod())},),
-        inputs={"tip_goal": around((1.03, 0.02, 2.36), 0.02)},
+        inputs={
+            "tip_goal": around((1.03, 0.02, 2.36), 0.02),
+            "tip_answered": one_of(0.0, 1.0),
+        },
         limits={"tip_arrived": BINARY},
         passes={
             "is not finite is passed on": "posture_corrected_state",

@@ -1,6 +1,7 @@
 """The tip's feedforward, its loop by the legs, and the list of points."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -101,6 +102,101 @@ def test_on_unreachable_is_one_of_two():
         TipFeedforward(CARRIED, 0.478, on_unreachable="ignore")
 
 
+OTHER, THIRD = (1.2, 0.3, 2.2), (0.9, -0.4, 2.3)
+
+
+def test_an_answer_comes_after_its_delay_and_is_the_same():
+    at_once, simulator, first = feedforward()
+    simulator.AdvanceTo(0.005)
+    system, simulator, context = feedforward(answer_delay=0.1)
+    simulator.AdvanceTo(0.095)
+    np.testing.assert_array_equal(at(system, context, "posture_command"), LEVEL)
+    assert at(system, context, "tip_answered") == 0.0
+    simulator.AdvanceTo(0.105)
+    for name in ("tip_goal", "posture_command", "arm_request", "tip_refused", "tip_answered"):
+        np.testing.assert_array_equal(at(system, context, name), at(at_once, first, name))
+    assert at(system, context, "tip_answered") == 1.0
+
+
+def test_of_what_is_asked_for_meanwhile_the_newest_is_answered_next():
+    system, simulator, context = feedforward(answer_delay=0.1)
+    goals = []
+    for tick in range(30):
+        if tick in (3, 5):
+            fix(system, context, tip_command=OTHER if tick == 3 else THIRD)
+        simulator.AdvanceTo(0.01 * tick + 0.005)
+        goals.append(tuple(at(system, context, "tip_goal")))
+    assert np.isnan(goals[9]).all()
+    assert goals[10:21] == [POINT] * 11
+    assert goals[21:] == [THIRD] * 9
+
+
+def test_a_context_put_back_to_a_question_has_the_same_answer():
+    system, simulator, context = feedforward(answer_delay=0.05)
+    simulator.AdvanceTo(0.03)
+    back = context.Clone()
+    simulator.AdvanceTo(0.06)
+    posture = at(system, context, "posture_command")
+    fix(system, context, tip_command=OTHER)
+    simulator.AdvanceTo(0.2)
+    again = Simulator(system, back)
+    again.AdvanceTo(0.06)
+    np.testing.assert_array_equal(at(system, back, "posture_command"), posture)
+
+
+def test_without_enable_a_question_is_dropped():
+    system, simulator, context = feedforward(answer_delay=0.05)
+    simulator.AdvanceTo(0.02)
+    fix(system, context, enable=[0.0])
+    simulator.AdvanceTo(0.04)
+    fix(system, context, enable=[1.0], tip_command=OTHER)
+    simulator.AdvanceTo(0.085)
+    assert np.isnan(at(system, context, "tip_goal")).all()
+    simulator.AdvanceTo(0.095)
+    np.testing.assert_array_equal(at(system, context, "tip_goal"), OTHER)
+
+
+def test_a_refusal_comes_when_its_answer_is_due():
+    _, simulator, _ = feedforward((1.8, 0.2, 1.2), answer_delay=0.05)
+    simulator.AdvanceTo(0.045)
+    with pytest.raises(UnreachableTip, match="nearest"):
+        simulator.AdvanceTo(0.055)
+
+
+def test_what_is_answered_in_the_background_is_the_same_and_the_outputs_stay_until_then():
+    at_once, simulator, first = feedforward()
+    simulator.AdvanceTo(0.005)
+    system, simulator, context = feedforward(in_background=True)
+    for tick in range(6000):
+        simulator.AdvanceTo(0.01 * tick + 0.005)
+        if at(system, context, "tip_answered"):
+            break
+        np.testing.assert_array_equal(at(system, context, "posture_command"), LEVEL)
+        time.sleep(0.01)
+    assert tick > 0
+    for name in ("tip_goal", "posture_command", "arm_request", "tip_refused", "tip_answered"):
+        np.testing.assert_array_equal(at(system, context, name), at(at_once, first, name))
+
+
+def test_a_refusal_in_the_background_ends_the_run():
+    system, simulator, _ = feedforward((1.8, 0.2, 1.2), in_background=True)
+    while system._answer([1.8, 0.2, 1.2, *[0.0] * 6], [0.0] * 2) is None:
+        time.sleep(0.01)
+    with pytest.raises(UnreachableTip, match="nearest") as caught:
+        simulator.AdvanceTo(0.01)
+    assert np.linalg.norm(caught.value.nearest - (1.8, 0.2, 1.2)) < 0.1
+
+
+def test_an_answer_that_is_there_early_waits_until_it_is_due():
+    system, simulator, context = feedforward(answer_delay=0.1, in_background=True)
+    while system._answer([*POINT, *[0.0] * 6], [0.0] * 2) is None:
+        time.sleep(0.01)
+    simulator.AdvanceTo(0.095)
+    assert at(system, context, "tip_answered") == 0.0
+    simulator.AdvanceTo(0.105)
+    assert at(system, context, "tip_answered") == 1.0
+
+
 def loop_at(offset, attitude_error=(0.0, 0.0), **settings):
     """The loop with a platform that does at once what is asked for, off by some angles."""
     reach = CARRIED.reach(POINT).solution
@@ -144,6 +240,20 @@ def test_the_legs_bring_the_tip_to_its_point():
     assert at(system, context, "tip_arrived") == 1.0
 
 
+def test_the_tip_has_not_arrived_while_its_command_has_no_answer():
+    system, context, settle = loop_at(np.zeros(3))
+    settle(0.05)
+    assert at(system, context, "tip_arrived") == 1.0
+    fix(system, context, tip_answered=[0.0])
+    settle(0.02)
+    assert at(system, context, "tip_arrived") == 0.0
+    settle(4.0)
+    assert at(system, context, "tip_arrived") == 0.0
+    fix(system, context, tip_answered=[1.0])
+    settle(0.02)
+    assert at(system, context, "tip_arrived") == 1.0
+
+
 def test_a_platform_that_stands_askew_is_seen_by_its_inertial_sensor():
     system, context, settle = loop_at(np.zeros(3), attitude_error=np.radians([0.2, -0.1]))
     settle(3.5)
@@ -180,6 +290,18 @@ def test_one_leg_on_ground_that_has_given_way_does_not_change_the_height():
     legs[1] += 2e-3
     fix(system, context, extension_measured=legs)
     np.testing.assert_allclose(at(system, context, "tip_estimated")[2], POINT[2], atol=2e-4)
+
+
+def test_a_script_takes_no_arrival_that_was_told_before_its_command():
+    system = TipScript([POINT, OTHER], hold=0.0, period=0.01)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    fix(system, context, ground_valid=[1.0], tip_arrived=[1.0])
+    done = []
+    for tick in range(6):
+        simulator.AdvanceTo(0.01 * tick + 0.005)
+        done.append(at(system, context, "points_done")[0])
+    assert done == [0.0, 0.0, 1.0, 1.0, 2.0, 2.0]
 
 
 def test_a_script_waits_for_arrival_and_holds():
