@@ -36,7 +36,7 @@ _THERE, _AT_REST = 1e-6, 1e-9
 
 
 class _Answer(NamedTuple):
-    """What follows from a command.
+    """Consequences of a command.
 
     Attributes:
         goal: point (3) that is aimed at [m].
