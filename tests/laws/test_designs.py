@@ -74,6 +74,7 @@ POWERS = {
     "rotation": 0,
     "tip_rotation": 0,
     "axis": 0,
+    "compliance": 0,
     "foot_stiffness": 0,
     "wheel_stiffness": 0,
     "gravity": 0,
