@@ -377,6 +377,8 @@ def add_kinematic_plant(
     if drives.arm is not None:
         arm = drives.arm.GetOutputPort("position")
         connect(builder, arm, platform.GetInputPort("arm_position"))
+        # What drives give way depends on the posture, and the posture by less than a micrometre
+        # on that: without it there is no loop.
         behind = add(builder, YieldingDrives(masses.arm))
         connect(builder, platform.GetOutputPort("base_pose"), behind.GetInputPort("base_pose"))
         connect(builder, drives.arm.GetOutputPort("state"), behind.GetInputPort("drive_state"))

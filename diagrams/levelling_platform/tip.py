@@ -20,9 +20,8 @@ from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
 from parapod.systems.arm.rod_motion import check_rod, longest_period
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
+from parapod.systems.arm.yielding_drives import yielded_on
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.vectors import Axes
 from parapod.systems.levelling_platform.model import PlatformModel, standing_pose
 
 # Longest step of a rod that bends [s], unless its plant's are longer, and by how much a whole
@@ -170,13 +169,10 @@ def add_tip(
     def pose_at(beginning: Beginning) -> NDArray[np.float64]:
         return standing_pose(beginning.posture, beginning.ground)
 
-    def joints_on(pose: NDArray[np.float64]) -> list[float]:
+    def joints_on(pose: NDArray[np.float64]) -> Sequence[float]:
         """Joints of drives at zero: those of bodies begin to give way when these are let go."""
         zeros = [0.0] * arm.count
-        if is_moving:
-            return zeros
-        gravity = Axes.from_quaternion(pose[:4].tolist()).components((0.0, 0.0, -GRAVITY))
-        return [float(q) for q in arm.yielded(zeros, gravity)]
+        return zeros if is_moving else yielded_on(arm, zeros, pose[:4].tolist())
 
     is_moving = motion.platform_velocity is not None
     begins = pose_at(simulation.beginning)

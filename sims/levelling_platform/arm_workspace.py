@@ -230,13 +230,9 @@ def horizontal_sag_error(carried: CarriedArm) -> float:
     assert rod is not None
     load = carried.params.gravity * (rod.tip_mass / 3.0 + rod.mass / 8.0)
     theory = load * rod.length**3 / rod.bending_stiffness[0]
-    flat, gravity = (0.0, 0.5 * math.pi), (0.0, 0.0, -carried.params.gravity)
-    # Drives that have it flat, as far as these give way.
-    efforts = zip(
-        flat, carried.arm.joints, carried.arm.holding_efforts(flat, gravity), strict=True
-    )
-    drives = [q + joint.compliance * effort for q, joint, effort in efforts]
-    down = -carried.deflection(carried.postures[0], drives)[2]
+    params = replace(carried.params, arm=carried.params.arm.stiff)
+    stiff = replace(carried, params=params)
+    down = -stiff.deflection(stiff.postures[0], (0.0, 0.5 * math.pi))[2]
     return abs(float(down) / theory - 1.0)
 
 

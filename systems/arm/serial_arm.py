@@ -291,6 +291,8 @@ class SerialArm:
     ) -> tuple[Elementwise, ...]:
         """Efforts (n) of drives that hold the arm at rest, positive along the joints [N m or N].
 
+        Those of `reaction`, in two fifths of its time: the inverse kinematics ask for them often.
+
         Args:
             position: positions (n) of the joints [rad or m].
             gravity: acceleration of free fall in the platform's frame [m/s^2].
@@ -312,6 +314,12 @@ class SerialArm:
             efforts.append(-dot(joint.axis, load))
             moment = plus(rotated(rotations[i], moment), scaled(joint.origin_at(q), mass))
         return tuple(reversed(efforts))
+
+    @property
+    def stiff(self) -> Self:
+        """The arm with drives that do not give way."""
+        joints = (replace(joint, compliance=0.0) for joint in self.joints)
+        return replace(self, joints=tuple(joints))
 
     def yielded(
         self, position: Sequence[Elementwise], gravity: Vector3

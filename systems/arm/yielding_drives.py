@@ -1,5 +1,6 @@
 """Joints of an arm behind drives that give way under its weight."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -38,7 +39,7 @@ class YieldingDrives(LeafSystem):
         """
         super().__init__()
         self.set_name("yielding_drives")
-        self._yielded = Remembered(partial(_yielded, arm))
+        self._yielded = Remembered(partial(yielded_on, arm))
         self._pose = self.DeclareVectorInputPort("base_pose", 7)
         self._drives = self.DeclareVectorInputPort("drive_state", 2 * arm.count)
         self._payload = self.DeclareVectorInputPort("payload", 1)
@@ -50,16 +51,23 @@ class YieldingDrives(LeafSystem):
         *quaternion, _, _, _ = read(self._pose, context)
         drives = read(self._drives, context)
         count = len(drives) // 2
-        payload = read_or_zeros(self._payload, context)
+        (payload,) = read_or_zeros(self._payload, context)
         behind = self._yielded(drives[:count], quaternion, payload)
         output.SetFromVector(np.array([*behind, *drives[count:]]))
 
 
-def _yielded(
-    arm: SerialArm, position: list[float], quaternion: list[float], payload: list[float]
+def yielded_on(
+    arm: SerialArm, position: Sequence[float], quaternion: Sequence[float], payload: float = 0.0
 ) -> tuple[float, ...]:
-    """Positions (n) of the joints."""
-    if not any(quaternion):  # a base of which nothing is known
+    """Positions (n) of the joints at rest behind the drives, on a base in the world.
+
+    Args:
+        arm: the arm.
+        position: positions (n) of the drives [rad or m].
+        quaternion: quaternion (w, x, y, z) of the base; zeros where it is unknown.
+        payload: mass whose weight the tip bears [kg].
+    """
+    if not any(quaternion):
         return tuple(position)
     gravity = Axes.from_quaternion(quaternion).components((0.0, 0.0, -GRAVITY))
-    return tuple(map(float, arm.bearing(payload[0]).yielded(position, gravity)))
+    return tuple(map(float, arm.bearing(payload).yielded(position, gravity)))

@@ -39,7 +39,7 @@ _LEVEL = (0.0, 0.0)
 _EDGE = 9
 # Most steps of Newton's method, their largest parts, step after which none is needed, and step of
 # differences [rad]; distance from its place at which the tip is there [m]. Near the rim, where two
-# solutions meet, every step halves what is left only.
+# solutions meet, each step only halves what is left.
 _NEWTON, _LONGEST, _SHORT, _DIFFERENCE, _REACHED = 16, 0.3, 1e-4, 1e-6, 1e-6
 # Way by which a limit may be passed [rad or m].
 _SLACK = 1e-9

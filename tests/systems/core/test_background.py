@@ -28,7 +28,7 @@ def awaited(look):
 
 
 def has_ended(pid):
-    """Whether a process has ended: one of another program may be a zombie until that looks."""
+    """Tell whether a process has ended, or is a zombie until its program looks."""
     try:
         with open(f"/proc/{pid}/stat") as stat:
             return stat.read().rpartition(")")[2].split()[0] == "Z"
