@@ -17,6 +17,7 @@ from parapod.systems.hardware.epos2.settings import (
     ForceSlideSettings,
     GearSettings,
     PositionScrewSettings,
+    PositionTurnSettings,
     ScrewSettings,
     StrokeSettings,
     TorqueSettings,
@@ -78,6 +79,11 @@ class _Epos2(Epos2Settings, Driver):
 @dataclass
 class Epos2Axes(GearSettings, _Epos2):
     """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Epos2`."""
+
+
+@dataclass
+class Epos2PositionAxes(PositionTurnSettings, _Epos2):
+    """Axes that turn behind gears and whose positions are commanded: see `Epos2Positions`."""
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from parapod.diagrams.drivers.epos2 import Epos2Axes
+from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2PositionAxes
 from parapod.systems.core.schema import quantity
 from parapod.systems.levelling_platform.wheels import WHEEL_GEAR
 
@@ -21,3 +21,27 @@ class Epos2Wheels(Epos2Axes):
     part: str = "wheels"
     node_ids: list[int] = quantity([1, 2, 3, 4], 1, 127)
     gear: float = quantity(WHEEL_GEAR, 0.1, 10000.0)
+
+
+@dataclass
+class Epos2Arm(Epos2PositionAxes):
+    """The joints of the platform's arm on EPOS2 24/5 controllers: see `Epos2Positions`.
+
+    Motors and gears are not printed anywhere, so theirs are assumptions. The joints turn; with the
+    arm upright their angles are zero.
+
+    Attributes:
+        node_ids: addresses of the controllers, in the order of the joints from the platform on.
+        channel: serial port of an adapter of their own for slcan, or see `Epos2Settings`.
+        gear: reduction between motor and joint [-].
+    """
+
+    part: str = "arm"
+    node_ids: list[int] = quantity([1, 2], 1, 127)
+    channel: str = "emulator/can_arm"
+    gear: float = quantity(100.0, 0.1, 10000.0)
+
+    @property
+    def has_brake(self) -> bool:
+        """See `Epos2Settings`; the arm has no such signal."""
+        return False

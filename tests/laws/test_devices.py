@@ -152,6 +152,25 @@ TWO_LOCKS = {
 }
 
 
+def turns(**row):
+    """Two joints whose positions are commanded."""
+    # Nothing follows here.
+    settings = {"following_error_deg": 360.0, "position_at_start_deg": [0.0] * 2}
+    ends = {"position_min_deg": [-60.0] * 2, "position_max_deg": [60.0] * 2}
+    return axes(
+        2,
+        **{
+            "settings": PATIENT | TWO_JOINTS | settings | ends,
+            "measures": dict.fromkeys(("position", "velocity"), 2),
+            "commands": {"position_command": 2, "brake": 1},
+            "order": {"position_command": (0.72, 0.68), "brake": (0.0,)},
+            "rest": {"brake": (1.0,)},
+            "is_held": True,
+        }
+        | row,
+    )
+
+
 def limbs(count, **row):
     """A centre's legs, locks and clamps."""
     legs, locks = 2 * count, 4 * count
@@ -249,6 +268,15 @@ ROWS = {
             commands={"torque_command": 2, "brake": 1},
             order={"torque_command": (2.0, -5.0), "brake": (0.0,)},
             rest={"torque_command": (0.0, 0.0), "brake": (1.0,)},
+        )
+    ),
+    "Epos2PositionAxes": Row(**turns()),
+    "Epos2Arm": Row(
+        **turns(
+            commands={"position_command": 2},
+            order={"position_command": (0.72, 0.68)},
+            rest={},
+            like="Epos2PositionAxes",
         )
     ),
     "Epos2Sliders": Row(

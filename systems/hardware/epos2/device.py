@@ -27,6 +27,7 @@ from parapod.systems.hardware.soft_limits import check_order
 
 # Longest time until a drive leaves a quick stop of this program [s].
 _OBEYING = 0.05
+_RELEASED = (0.0,)  # brake of axes that are not commanded to brake
 # Silences of a node while axes stop after which that is an error.
 _SILENCES = 2
 # Time for which nodes are asked whether their power is gone, once one of them was silent [s].
@@ -43,7 +44,7 @@ class Epos2Device(IncrementalDevice):
     | measure `current` | n | A | of the motors, positive where they push; if it is asked for |
     | measure `emergency_stop` | 1 | 0/1 | 1: pressed, or its wire is broken; with `stop_node` |
     | measure `<part>.closed` | k | 0/1 | 1: the contact of a lock or clamp says closed |
-    | command `brake` | 1 | - | 0: released; all else: stop and hold |
+    | command `brake` | 1 | - | 0: released; all else: stop and hold; with `has_brake` |
     | command `<part>.command` | k | - | of locks or clamps; 0: open, 1: closed |
 
     What else is commanded, a mode of operation says: `Epos2`, `Epos2Positions` and `Epos2Forces`,
@@ -128,8 +129,9 @@ class Epos2Device(IncrementalDevice):
             self.measures["emergency_stop"] = 1
         self.measures |= self._switches.measures
         self.command_signal = settings.command_signal
-        self.commands = {self.command_signal: axes, "brake": 1} | self._switches.commands
-        self.fail_safe = ("brake", *self._switches.commands)
+        brake = {"brake": 1} if settings.has_brake else {}
+        self.commands = {self.command_signal: axes} | brake | self._switches.commands
+        self.fail_safe = (*brake, *self._switches.commands)
         self._bus: CanopenBus | None = None
         self._controllers: list[Epos2Controller] = []
         self._is_active = self._is_braked = self._is_referenced = False
@@ -271,7 +273,7 @@ class Epos2Device(IncrementalDevice):
         Raises:
             DeviceError: the bus is gone.
         """
-        brake = switched(*commands["brake"])
+        brake = switched(*commands.get("brake", _RELEASED))
         self._is_braked = brake is not False or not self._switches.is_clear(commands)
         if brake and not self._is_pressed:
             self._is_stopped = False

@@ -401,7 +401,7 @@ class Epos2Nodes:
     | to the machine `<part>.velocity_command` | n | rad/s or m/s | 0 for an axis without power |
     | to the machine `<part>.position_command` | n | rad or m | in its place: see `Epos2Node` |
     | to the machine `<part>.force_command`, `<part>.torque_command` | n | N or N m | ditto |
-    | to the machine `<part>.brake` | 1 | - | 1 unless an axis is enabled |
+    | to the machine `<part>.brake` | 1 | - | 1 unless an axis is enabled; if the machine has it |
     | to the machine `<locks>.command` | k | - | of each group of switches; 0: its output is on |
     | from the machine `<part>.position` | n | rad or m | |
     | from the machine `<part>.velocity` | n | rad/s or m/s | |
@@ -612,7 +612,8 @@ class Epos2Nodes:
             are_on = [outputs[node_id][k - 1] for node_id, k, _ in group.switches]
             self._harness.set(group.command, [0.0 if is_on else 1.0 for is_on in are_on])
         is_enabled = any(node.state is DriveState.OPERATION_ENABLED for node in self.nodes)
-        self._set("brake", [0.0 if is_enabled else 1.0])
+        if f"{self._part}.brake" in self._harness:
+            self._set("brake", [0.0 if is_enabled else 1.0])
 
     def _get(self, signal: str) -> tuple[float, ...]:
         return self._harness.get(f"{self._part}.{signal}")

@@ -134,6 +134,11 @@ class Epos2Settings(Schema):
         return Control.VELOCITY
 
     @property
+    def has_brake(self) -> bool:
+        """Whether the axes are commanded to brake as well."""
+        return True
+
+    @property
     def command_signal(self) -> str:
         """Signal with which the axes are commanded."""
         return f"{self.control}_command"
@@ -248,6 +253,67 @@ class GearSettings(Epos2Settings):
     def motor_per_unit(self) -> float:
         """Turns of the motor by turns of the axis."""
         return self.gear
+
+
+@dataclass
+class TurnSettings(GearSettings):
+    """Axes that turn behind a gear, and that may have ends.
+
+    Attributes:
+        position_min_deg: angles below which nothing turns an axis further, one for each axis
+            [deg]; null: no ends, and `position_max_deg` is null as well.
+        position_max_deg: angles above which nothing turns an axis further [deg]; null: no ends.
+        position_at_start_deg: angles of the axes at the start of the program, one for each [deg];
+            null: they count from zero since the controllers were switched on. With ends they must
+            be known.
+    """
+
+    position_min_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
+    position_max_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
+    position_at_start_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
+
+    @property
+    def position_at_start(self) -> tuple[float, ...] | None:
+        """See `Epos2Settings`."""
+        start = self.position_at_start_deg
+        return None if start is None else tuple(map(math.radians, start))
+
+    @property
+    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """See `Epos2Settings`.
+
+        Raises:
+            ValueError: only one of both ends is given.
+        """
+        least, most = self.position_min_deg, self.position_max_deg
+        if least is None and most is None:
+            return None
+        if least is None or most is None:
+            raise ValueError(
+                "position_min_deg and position_max_deg must be given both, or neither"
+            )
+        return tuple(map(math.radians, least)), tuple(map(math.radians, most))
+
+
+@dataclass
+class PositionTurnSettings(TurnSettings):
+    """Axes that turn behind a gear, and whose positions are commanded: see `TurnSettings`.
+
+    Attributes:
+        following_error_deg: distance from where it is commanded at which a drive gives up [deg].
+    """
+
+    following_error_deg: float = quantity(5.0, 0.01, 360.0)
+
+    @property
+    def control(self) -> Control:
+        """See `Epos2Settings`."""
+        return Control.POSITION
+
+    @property
+    def following_error(self) -> float:
+        """See `Epos2Settings`."""
+        return math.radians(self.following_error_deg)
 
 
 @dataclass
@@ -502,26 +568,17 @@ class ForceSlideSettings(ForceSettings, StrokeSettings):
 
 
 @dataclass
-class TorqueSettings(ForceSettings, GearSettings):
+class TorqueSettings(ForceSettings, TurnSettings):
     """Axes that turn behind a gear, and whose torques are commanded.
 
     Attributes:
         max_torque_Nm: largest torque of an axis [N m].
         torque_per_current_Nm_A: torque of an axis by the current of its motor [N m/A]: in theory
             the motor's torque constant by the gear.
-        position_min_deg: angles below which nothing turns an axis further, one for each axis
-            [deg]; null: no ends, and `position_max_deg` is null as well.
-        position_max_deg: angles above which nothing turns an axis further [deg]; null: no ends.
-        position_at_start_deg: angles of the axes at the start of the program, one for each [deg];
-            null: they count from zero since the controllers were switched on. With ends they must
-            be known.
     """
 
     max_torque_Nm: float = quantity(20.0, 0.001, 10_000.0)  # noqa: N815 (the unit's symbol)
     torque_per_current_Nm_A: float = quantity(5.0, 1e-4, 10_000.0)  # noqa: N815
-    position_min_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
-    position_max_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
-    position_at_start_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
 
     @property
     def command_signal(self) -> str:
@@ -537,25 +594,3 @@ class TorqueSettings(ForceSettings, GearSettings):
     def force_per_current(self) -> float:
         """See `ForceSettings`."""
         return self.torque_per_current_Nm_A
-
-    @property
-    def position_at_start(self) -> tuple[float, ...] | None:
-        """See `Epos2Settings`."""
-        start = self.position_at_start_deg
-        return None if start is None else tuple(map(math.radians, start))
-
-    @property
-    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """See `Epos2Settings`.
-
-        Raises:
-            ValueError: only one of both ends is given.
-        """
-        least, most = self.position_min_deg, self.position_max_deg
-        if least is None and most is None:
-            return None
-        if least is None or most is None:
-            raise ValueError(
-                "position_min_deg and position_max_deg must be given both, or neither"
-            )
-        return tuple(map(math.radians, least)), tuple(map(math.radians, most))
