@@ -133,6 +133,11 @@ def check_disturbances(
         raise ScenarioError(f"{key}: the tip takes one payload, not {len(payloads)}", key)
 
 
+def payload_in(disturbances: Sequence[Disturbance]) -> float:
+    """Mass of the payload among disturbances [kg]; 0: none."""
+    return sum(each.mass_kg for each in disturbances if isinstance(each, Payload))
+
+
 def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance]) -> Disturbances:
     """Adds sources of their courses over time.
 
@@ -158,14 +163,13 @@ def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance
             source = add(builder, TrajectorySource(way), f"push_{i + 1}")
             connect(builder, source.get_output_port(), joint.get_input_port(i))
         forces = joint.get_output_port()
-    mass, payload = 0.0, None
+    payload = None
     for hung in payloads:
-        mass = hung.mass_kg
         payload = add(builder, TrajectorySource(hung.course), "payload").get_output_port()
     return Disturbances(
         places=tuple((x / 1e3, y / 1e3, z / 1e3) for x, y, z in (p.place_mm for p in pushes)),
         pushes=forces,
         rising=rising,
-        mass=mass,
+        mass=payload_in(disturbances),
         payload=payload,
     )

@@ -3,11 +3,14 @@
 from typing import Literal
 
 from pydrake.systems.framework import Diagram
+from pydrake.systems.primitives import Multiplexer
 
 from parapod.diagrams.levelling_platform.controller import arm_chain, posture_chain
+from parapod.diagrams.levelling_platform.disturbances import payload_in
 from parapod.diagrams.levelling_platform.position_loops import pi_params
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.wiring import wired
+from parapod.diagrams.levelling_platform.tip import observed_arm
+from parapod.diagrams.wiring import Wired, named, wired
 from parapod.systems.actuators.pi_controller import PiController
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.levelling_platform.carried_arm import CarriedArm
@@ -21,6 +24,7 @@ _SHOWN = (
     *("stability_margin", "arm.position_command", "arm_margin", "arm_refused"),
     *("tip_goal", "tip_estimated", "tip_arrived", "tip_refused"),
 )
+_OBSERVED = ("rod_observed", "tip_deflection_observed")
 # Time in which another process has worked out posture and joints for a point [ms].
 _ANSWER = 300.0
 # Rate of the passive leg's trim [m/s]: where ground gives way, a platform on two feet rolls down
@@ -104,5 +108,33 @@ def make_pointing_controller(
         (PiController(pi_params(scenario), period=period), enabled),
         *arm_chain(scenario, "ground_valid"),
     ]
-    skip = () if has_payload else ("payload",)
-    return wired("controller", systems, _SHOWN, names | _SIGNALS, skip)
+    observer = observer_systems(scenario, has_payload)
+    outputs = (*_SHOWN, *_OBSERVED) if observer else _SHOWN
+    skip = ("base_velocity",) if has_payload else ("base_velocity", "payload")
+    return wired("controller", [*systems, *observer], outputs, names | _SIGNALS, skip)
+
+
+def observer_systems(scenario: LevellingScenario, has_payload: bool) -> list[Wired]:
+    """Systems that observe how the rod bends, which no sensor does; none of a rigid one.
+
+    The platform's pose is not a number before the ground is known: the rod rests until then.
+
+    Args:
+        scenario: its `machine` and `control` are used.
+        has_payload: true if the controller is told what the tip bears besides.
+
+    Raises:
+        ScenarioError: a payload under which the rod buckles.
+    """
+    observer = observed_arm(scenario, payload_in(scenario.disturbances) if has_payload else 0.0)
+    if observer is None:
+        return []
+    count = scenario.machine.masses.arm.count
+    joints = named("arm_state_measured", Multiplexer([count, count]))
+    measured = {"u0": "arm.position", "u1": "arm.velocity", "y0": "joint_state"}
+    signals = {
+        "base_pose": "platform_pose_measured",
+        "modal_state": "rod_observed",
+        "deflection": "tip_deflection_observed",
+    }
+    return [(joints, measured), (observer, signals)]

@@ -190,6 +190,14 @@ def _arm_ports(arm: SerialArm) -> tuple[Port, ...]:
         ),
         Inner("tip_goal", "m", "point that is aimed at", elements=("x", "y", "z")),
         Inner("tip_estimated", "m", "tip as the machine measures it", elements=("x", "y", "z")),
+        Inner(
+            "posture_measured", "rad, rad, m", "posture by attitude and legs", elements=_POSTURE
+        ),
+        Inner("rod_observed", "-", "modal coordinates of its rod as observed, and their rates"),
+        Inner(
+            *("tip_deflection_observed", "m", "tip_deflection as observed, by no sensor"),
+            elements=("x", "y", "z"),
+        ),
         Inner("tip_arrived", "0/1", "1 once the tip is at its point, or comes no nearer"),
         Inner("tip_refused", "0/1", "1 while the tip cannot be where it is wanted"),
         Inner("points_done", "-", "number of points at which the tip has stayed"),

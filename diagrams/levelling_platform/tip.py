@@ -1,7 +1,8 @@
 """The arm behind a platform's station: truth about its tip, and a rod of it that bends."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ from parapod.systems.arm.arm_tip import ArmTip
 from parapod.systems.arm.bent_rod import BentRod
 from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
-from parapod.systems.arm.rod_motion import check_rod, longest_period
+from parapod.systems.arm.flexible_rod import FlexibleRod
+from parapod.systems.arm.rod_motion import carried_modes, check_rod, longest_period
 from parapod.systems.arm.serial_arm import ArmLink, SerialArm
 from parapod.systems.arm.yielding_drives import yielded_on
 from parapod.systems.core.errors import ScenarioError
@@ -27,6 +29,9 @@ from parapod.systems.levelling_platform.model import PlatformModel, standing_pos
 # Longest step of a rod that bends [s], unless its plant's are longer, and by how much a whole
 # number of the plant's steps may seem less for rounding [-].
 _LONGEST, _ROUNDED = 5e-3, 1e-9
+# Options of a rod on bodies, and of one on a platform that has no dynamics.
+_ON_BODIES: Mapping[str, Any] = {"base_motion": "velocity", "forces": ["bending_force"]}
+_AT_REST: Mapping[str, Any] = {"base_motion": "pose", "forces": ["wrench"]}
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,53 @@ def draw_bending(
     connect(builder, bent.get_output_port(), scene_graph.get_source_pose_port(bent.source_id))
 
 
+def make_flexible_arm(
+    rod: FlexibleRod, period: float, arm: SerialArm, payload: float = 0.0, **options: Any
+) -> FlexibleArm:
+    """A rod that bends on an arm.
+
+    Args:
+        rod: the rod.
+        period: length of a step [s].
+        arm: the arm.
+        payload: mass of the payload that the tip may take [kg].
+        options: further options of `FlexibleArm`.
+
+    Raises:
+        ScenarioError: modes above what the period carries, or a payload above what the rod does.
+    """
+    try:
+        check_rod(rod, period)
+    except ValueError as error:
+        raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
+    try:
+        return FlexibleArm(rod, period, arm, payload=payload, **options)
+    except ValueError as error:
+        key = "disturbances"
+        raise ScenarioError(f"{key}: with a payload of {payload:g} kg, {error}", key) from None
+
+
+def observed_arm(scenario: LevellingScenario, payload: float = 0.0) -> FlexibleArm | None:
+    """A rod that bends as a controller follows it by poses; None of a rigid arm.
+
+    Of the modes it has those that the controller's period carries: the others follow their load
+    without delay. A rod of which it carries none is as good as rigid.
+
+    Args:
+        scenario: its `machine` and `control` are used.
+        payload: mass of the payload that the tip may take [kg].
+
+    Raises:
+        ScenarioError: a rod that buckles, under its own weight or with the payload.
+    """
+    machine, period = scenario.machine, scenario.control.period
+    rod = machine.arm.bending
+    if rod is None or not (modes := carried_modes(rod, period)):
+        return None
+    rod, arm = replace(rod, modes=modes), machine.masses.arm
+    return make_flexible_arm(rod, period, arm, payload, base_motion="pose", forces=())
+
+
 def without_rod(arm: SerialArm) -> SerialArm:
     """An arm whose last link weighs nothing."""
     return replace(arm, links=(*arm.links[:-1], ArmLink()))
@@ -178,24 +230,9 @@ def add_tip(
     begins = pose_at(simulation.beginning)
     longest = min(_LONGEST, longest_period(rod))
     period = max(1, int(longest / step + _ROUNDED)) * step
-    try:
-        check_rod(rod, period)
-    except ValueError as error:
-        raise ScenarioError(f"machine.arm.{error}", "machine.arm.modes") from None
-    try:
-        bends = FlexibleArm(
-            rod,
-            period,
-            arm,
-            begins,
-            "velocity" if is_moving else "pose",
-            ["bending_force" if is_moving else "wrench"],
-            disturbances.mass,
-            joints_on(begins),
-        )
-    except ValueError as error:
-        key, mass = "disturbances", disturbances.mass
-        raise ScenarioError(f"{key}: with a payload of {mass:g} kg, {error}", key) from None
+    options = _ON_BODIES if is_moving else _AT_REST
+    begins_at = {"base_pose": begins, "position": joints_on(begins)}
+    bends = make_flexible_arm(rod, period, arm, disturbances.mass, **options, **begins_at)
     add(builder, bends)
     connect(builder, motion.platform_pose, bends.GetInputPort("base_pose"))
     connect(builder, motion.joint_state, bends.GetInputPort("joint_state"))

@@ -171,17 +171,24 @@ class FlexibleArm(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def set_rest(
-        self, context: Context, base_pose: ArrayLike, position: Sequence[float] = ()
+        self,
+        context: Context,
+        base_pose: ArrayLike,
+        position: Sequence[float] = (),
+        modal_state: ArrayLike | None = None,
     ) -> None:
-        """Puts the rod at rest on a base at rest.
+        """Puts the rod at rest, or as it bends, on a base at rest.
 
         Args:
             context: context of this system.
             base_pose: pose (7) of the base.
             position: positions (n) of the joints [rad or m]; empty: zero.
+            modal_state: coordinates of the modes and their rates (4m); None: those at rest.
         """
         pose = np.asarray(base_pose, dtype=float).tolist()
         rest = self._rest(pose, list(position) or [0.0] * self._count, is_known=True)
+        if modal_state is not None:
+            rest[_RODS][: self._size] = np.asarray(modal_state, dtype=float).tolist()
         for index, group in enumerate(rest):
             context.SetDiscreteState(index, np.array(group))
 
@@ -201,6 +208,8 @@ class FlexibleArm(LeafSystem):
         clamp: _Clamp,
     ) -> list[list[float]]:
         """Numbers of the forces that there are."""
+        if not self._force_names:
+            return []
         moment, force = map(clamp.axes.in_world, rod.bending_wrench(modal, motion))
         if rod is not self._motion:
             # A plant's rigid rod has no payload.

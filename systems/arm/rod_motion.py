@@ -280,6 +280,11 @@ def longest_period(rod: FlexibleRod) -> float:
     return _LARGEST_ANGLE / float(rod.frequencies.max())
 
 
+def carried_modes(rod: FlexibleRod, period: float) -> int:
+    """Number of the modes of a rod that a period [s] carries."""
+    return int((rod.frequencies.max(axis=0) * period <= _LARGEST_ANGLE).sum())
+
+
 def check_rod(rod: FlexibleRod, period: float) -> None:
     """Refuses a rod that does not stand upright, and modes above what a period can carry.
 
@@ -296,10 +301,9 @@ def check_rod(rod: FlexibleRod, period: float) -> None:
             f"bending_stiffness = {softest:g} N m^2: upright, the rod buckles under its own "
             f"weight; it must be above {softest * GRAVITY / rod.buckling:.3g}"
         )
-    fastest = rod.frequencies.max(axis=0)
-    carried = int((fastest * period <= _LARGEST_ANGLE).sum())
+    carried = carried_modes(rod, period)
     if carried < rod.modes:
-        hertz = fastest / (2.0 * math.pi)
+        hertz = rod.frequencies.max(axis=0) / (2.0 * math.pi)
         fewer = f"at most {carried} modes, or " if carried else ""
         raise ValueError(
             f"modes = {rod.modes}: mode {carried + 1} of the rod has {hertz[carried]:.3g} Hz, "

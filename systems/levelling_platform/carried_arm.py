@@ -53,6 +53,7 @@ from parapod.systems.levelling_platform.kinematics import (
     posture_jacobian,
 )
 from parapod.systems.levelling_platform.leg import (
+    FeetPose,
     Point,
     extension_on_plane,
     footprint,
@@ -226,6 +227,12 @@ class CarriedArm:
         rigid = replace(self, rod=None)
         return self.tip_position(posture, joints) - rigid.tip_position(posture, joints)
 
+    def platform_pose(self, posture: Sequence[float]) -> Array:
+        """Quaternion (w, x, y, z) and place (7) in the world of a platform in a posture (3)."""
+        roll, pitch, height = posture
+        on_feet, _ = self._on_feet(roll, pitch, height)
+        return np.array(on_feet.pose((roll, pitch, height), normal_of(*self.ground)))
+
     def posture_jacobian(self, posture: ArrayLike, joints: ArrayLike) -> Array:
         """Derivative of the tip's place by the posture (3, 3) [m/rad, m/rad, -].
 
@@ -325,14 +332,7 @@ class CarriedArm:
         # One chain in plain numbers, which is several times faster.
         roll, pitch, height, *joints = chain.tolist() if is_single else np.moveaxis(chain, -1, 0)
         normal = normal_of(*self.ground)
-        g = to_platform(normal, roll, pitch)
-        extension = [
-            extension_on_plane(leg, g, height - offset - leg.foot_radius)
-            for leg, offset in zip(self.geometry.legs, self.foot_offsets, strict=True)
-        ]
-        on_feet = pose_on_feet(
-            self.geometry.legs, extension, (roll, pitch), normal, self._footprint
-        )
+        on_feet, extension = self._on_feet(roll, pitch, height)
         centre = plus(on_feet.along, scaled(normal, height))
         place, axis = self._on_platform(joints, roll, pitch)
         tip = about_vertical(plus(centre, to_world(place, roll, pitch)), on_feet.yaw)
@@ -341,6 +341,18 @@ class CarriedArm:
             return np.array([*tip, *view]), np.array(extension)
         numbers = np.broadcast_arrays(*tip, *view)
         return np.stack(numbers, axis=-1), np.stack(np.broadcast_arrays(*extension), axis=-1)
+
+    def _on_feet(
+        self, roll: Elementwise, pitch: Elementwise, height: Elementwise
+    ) -> tuple[FeetPose, list[Elementwise]]:
+        """Place and heading over the feet, and extensions (4)."""
+        normal, legs = normal_of(*self.ground), self.geometry.legs
+        g = to_platform(normal, roll, pitch)
+        extension = [
+            extension_on_plane(leg, g, height - offset - leg.foot_radius)
+            for leg, offset in zip(legs, self.foot_offsets, strict=True)
+        ]
+        return pose_on_feet(legs, extension, (roll, pitch), normal, self._footprint), extension
 
     def _on_platform(
         self, joints: Sequence[Elementwise], roll: Elementwise, pitch: Elementwise

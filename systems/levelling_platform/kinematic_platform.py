@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core import quaternions
 from parapod.systems.core.ports import read
 from parapod.systems.core.remembered import Remembered
-from parapod.systems.core.triples import plus, scaled
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
     LEVEL_GROUND,
@@ -22,7 +20,7 @@ from parapod.systems.levelling_platform.inclined_ground import (
     OnInclinedGround,
 )
 from parapod.systems.levelling_platform.leg import Point, footprint, pose_on_feet
-from parapod.systems.levelling_platform.plane import about_vertical, normal_of
+from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.statics import (
     KinematicPlatformParams,
     Load,
@@ -146,9 +144,7 @@ class KinematicPlatform(OnInclinedGround):
         on_feet = pose_on_feet(
             self._legs, extension, (roll, pitch), normal, self._footprint(ground)
         )
-        place = about_vertical(plus(on_feet.along, scaled(normal, height)), on_feet.yaw)
-        quaternion = quaternions.of_angles(roll, pitch, on_feet.yaw)
-        output.SetFromVector(np.array([*quaternion, *place]))
+        output.SetFromVector(np.array(on_feet.pose((roll, pitch, height), normal)))
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
         arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero

@@ -14,10 +14,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from parapod.systems.core import quaternions
 from parapod.systems.core.elementwise import Elementwise, atan2, sqrt
-from parapod.systems.core.triples import Vector3, dot, minus, scaled
+from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
 from parapod.systems.levelling_platform.geometry import LegGeometry
-from parapod.systems.levelling_platform.plane import to_world
+from parapod.systems.levelling_platform.plane import about_vertical, to_world
 
 # Horizontal components of a place.
 type Point = tuple[Elementwise, Elementwise]
@@ -92,6 +93,19 @@ class FeetPose(NamedTuple):
 
     along: Vector3
     yaw: Elementwise
+
+    def pose(
+        self, posture: tuple[Elementwise, Elementwise, Elementwise], normal: Vector3
+    ) -> tuple[Elementwise, ...]:
+        """Quaternion (w, x, y, z) and place (7) of the platform, from the middle of the feet.
+
+        Args:
+            posture: its roll, pitch and height [rad, rad, m].
+            normal: the ground's normal in the world.
+        """
+        roll, pitch, height = posture
+        place = about_vertical(plus(self.along, scaled(normal, height)), self.yaw)
+        return (*quaternions.of_angles(roll, pitch, self.yaw), *place)
 
 
 def footprint(legs: Sequence[LegGeometry], ground: tuple[float, float]) -> list[Point]:

@@ -33,6 +33,7 @@ _SMALLEST = 1e-3
 _HEAVIEST = 1e4
 # Reference that has come to its command [rad or m]; rate at rest [rad/s or m/s].
 _THERE, _AT_REST = 1e-6, 1e-9
+_NOWHERE = np.full(7, math.nan)  # pose that is not known
 
 
 class _Answer(NamedTuple):
@@ -248,6 +249,8 @@ class TipLoop(LeafSystem):
     | in `tip_answered` | 1 | - | above 0.5: the goal is that of the command; unconnected: always |
     | in `enable` | 1 | - | above 0.5: correct; otherwise the correction is zero |
     | out `posture_corrected_state` | 6 | rad, rad, m and rates | what the legs are asked for |
+    | out `posture_measured` | 3 | rad, rad, m | roll, pitch and height, as all of these see them |
+    | out `platform_pose_measured` | 7 | -, m | quaternion and place; NaN unless enabled |
     | out `tip_estimated` | 3 | m | the tip, as all of these see it |
     | out `tip_arrived` | 1 | 0/1 | 1 once the tip is at its point, or comes no nearer |
 
@@ -306,10 +309,10 @@ class TipLoop(LeafSystem):
         self._correction: Any = self.DeclareDiscreteState(3)
         self._arrived: Any = self.DeclareDiscreteState(1)
         self._since: Any = self.DeclareDiscreteState(np.array([math.inf]))
-        sensors = (
-            *("arm_position", "attitude", "extension_measured", "ground", "foot_offsets"),
-            "payload",
-        )
+        standing = {
+            ports[name].ticket()
+            for name in ("attitude", "extension_measured", "ground", "foot_offsets")
+        }
         self.DeclareVectorOutputPort(
             "posture_corrected_state",
             6,
@@ -319,8 +322,14 @@ class TipLoop(LeafSystem):
                 self.discrete_state_ticket(self._correction),
             },
         )
+        self._posture: Any = self.DeclareVectorOutputPort(
+            "posture_measured", 3, self._calc_posture, standing
+        )
+        enabled = standing | {self._enable.ticket()}
+        self.DeclareVectorOutputPort("platform_pose_measured", 7, self._calc_pose, enabled)
+        sensors = standing | {ports[name].ticket() for name in ("arm_position", "payload")}
         self._estimated: Any = self.DeclareVectorOutputPort(
-            "tip_estimated", 3, self._calc_tip, {ports[name].ticket() for name in sensors}
+            "tip_estimated", 3, self._calc_tip, sensors
         )
         self.DeclareStateOutputPort("tip_arrived", self._arrived)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_correction)
@@ -333,7 +342,8 @@ class TipLoop(LeafSystem):
         output.SetFromVector(np.array(posture))
 
     def _calc_tip(self, context: Context, output: BasicVector) -> None:
-        posture, joints = self._posture(context), read_array(self._ports["arm_position"], context)
+        posture = self._posture.Eval(context)
+        joints = read_array(self._ports["arm_position"], context)
         (payload,) = read_or_zeros(self._ports["payload"], context)
         if not (np.isfinite([*posture, *joints]).all() and abs(payload) < _HEAVIEST):
             output.SetFromVector(np.full(3, math.nan))
@@ -342,23 +352,31 @@ class TipLoop(LeafSystem):
 
     def _standing(self, context: Context) -> CarriedArm:
         """Platform and arm on the ground as it is estimated, with what the tip bears."""
-        ground = read(self._ports["ground"], context)
-        offsets = read_or_zeros(self._ports["foot_offsets"], context)
-        return self._on(ground, offsets, read_or_zeros(self._ports["payload"], context))
+        payload = read_or_zeros(self._ports["payload"], context)
+        return self._on(*self._ground(context), payload)
 
-    def _posture(self, context: Context) -> list[float]:
-        """Roll, pitch and height of the platform as measured."""
+    def _ground(self, context: Context) -> tuple[list[float], list[float]]:
+        """Roll and pitch (2) of the ground, and offsets (4) of the feet above it."""
+        offsets = read_or_zeros(self._ports["foot_offsets"], context)
+        return read(self._ports["ground"], context), offsets
+
+    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+        posture = self._posture.Eval(context).tolist()
+        is_known = is_on(self._enable, context) and np.isfinite(posture).all()
+        unloaded = self._on(*self._ground(context), [0.0])
+        output.SetFromVector(unloaded.platform_pose(posture) if is_known else _NOWHERE)
+
+    def _calc_posture(self, context: Context, output: BasicVector) -> None:
         attitude = read(self._ports["attitude"], context)
         extension = read(self._ports["extension_measured"], context)
-        ground = read(self._ports["ground"], context)
-        offsets = read_or_zeros(self._ports["foot_offsets"], context)
+        ground, offsets = self._ground(context)
         x, y, z = to_platform(normal_of(*ground), *attitude)
         heights = []
         for leg, d, offset in zip(self._legs, extension, offsets, strict=True):
             p_x, p_y, p_z = foot_to_centre(leg, d)
             heights.append(x * p_x + y * p_y + z * p_z + leg.foot_radius + offset)
         _, low, high, _ = sorted(heights)
-        return [*attitude, 0.5 * (low + high)]
+        output.SetFromVector(np.array([*attitude, 0.5 * (low + high)]))
 
     def _update_correction(self, context: Context, state: Any) -> None:
         now = context.get_time()

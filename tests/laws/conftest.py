@@ -751,6 +751,8 @@ ENTRIES: dict[str, Entry] = {
         limits={"tip_arrived": BINARY},
         passes={
             "is not finite is passed on": "posture_corrected_state",
+            "as all of these see them": "posture_measured",
+            "NaN unless enabled": "platform_pose_measured",
             "as all of these see it": "tip_estimated",
         },
     ),

@@ -2,11 +2,13 @@
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from parapod.systems.arm.arm_tip import ArmTip
 from parapod.systems.levelling_platform.carried_arm import BarredTip, CarriedArm, UnreachableTip
 from parapod.systems.levelling_platform.geometry import PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
@@ -322,3 +324,42 @@ def test_a_script_waits_for_arrival_and_holds():
     np.testing.assert_array_equal(at(system, context, "tip_command"), points[1])
     simulator.AdvanceTo(2.0)
     assert at(system, context, "points_done") == 2.0
+
+
+# --- the platform's pose, as it is measured
+
+
+def loop_on(carried, posture, **settings):
+    """The loop, without a goal, on a platform that stands in a posture."""
+    system = TipLoop(carried)
+    context = system.CreateDefaultContext()
+    extension = inverse_kinematics(carried.geometry, posture, carried.ground, carried.foot_offsets)
+    values = {
+        "attitude": posture[:2],
+        "extension_measured": extension,
+        "ground": carried.ground,
+        "foot_offsets": carried.foot_offsets,
+        "arm_position": [0.4, 0.5],
+        "enable": [1.0],
+    }
+    fix(system, context, **(values | settings))
+    return system, context
+
+
+def test_the_tip_stands_on_the_measured_pose_as_the_chain_has_it():
+    carried = replace(CARRIED, ground=(0.03, 0.05), foot_offsets=(0.0, 4e-3, 2e-3, 0.0))
+    posture = [0.01, -0.02, 0.476]
+    system, context = loop_on(carried, posture)
+    np.testing.assert_allclose(at(system, context, "posture_measured"), posture, atol=1e-9)
+    pose = at(system, context, "platform_pose_measured")
+    tip = ArmTip(carried.arm)
+    on_tip = tip.CreateDefaultContext()
+    fix(tip, on_tip, platform_pose=pose, arm_state=[0.4, 0.5, 0.0, 0.0])
+    place = at(tip, on_tip, "pose")[4:]
+    np.testing.assert_allclose(place, at(system, context, "tip_estimated"), atol=1e-9)
+
+
+def test_a_pose_on_ground_that_is_not_known_is_not_a_number():
+    for settings in ({"enable": [0.0]}, {"attitude": [math.nan, 0.0]}):
+        system, context = loop_on(CARRIED, LEVEL, **settings)
+        assert np.isnan(at(system, context, "platform_pose_measured")).all()
