@@ -69,6 +69,7 @@ class ClosedLoop[S](Diagram):
         controller: System | Callable[[S], System] | None = None,
         sources: Sequence[System] | None = None,
         log: Collection[str] | None = None,
+        log_too: Collection[str] = (),
         injectable: Collection[str] = (),
     ):
         """Builds the closed loop of a scenario.
@@ -83,6 +84,7 @@ class ClosedLoop[S](Diagram):
                 of the machine's, unless `control.controller` names another.
             sources: systems in place of the machine's sources of commands.
             log: names of the ports to record; None for all of them.
+            log_too: names of further ones, of which those that are there are recorded.
             injectable: points into which faults may be injected later.
 
         Raises:
@@ -110,7 +112,9 @@ class ClosedLoop[S](Diagram):
             builder, machine.targets, period, faults, settings.seed, injectable
         )
         self.ports = self._connect(builder)
-        self.logs = self._log(builder, log, machine.view.log_every * period)
+        self.require(log or ())
+        logged = None if log is None else {*log, *log_too}
+        self.logs = self._log(builder, logged, machine.view.log_every * period)
         builder.BuildInto(self)
         self.set_name(machine.name)
 
@@ -260,7 +264,6 @@ class ClosedLoop[S](Diagram):
     def _log(
         self, builder: DiagramBuilder, names: Collection[str] | None, period: float
     ) -> dict[str, VectorLogSink]:
-        self.require(names or ())
         sinks = {}
         for name, port in self.ports.items():
             if names is None or name in names:

@@ -116,6 +116,12 @@ class PlatformGuard:
 
 # Voltages of a self-test by the supply's: usual and largest [-].
 _USUAL, _LARGEST = 1.0 / 12.0, 1.0 / 6.0
+# Without a lag, and with a limit of its own, the arm's drive would run from one set value to the
+# next, and stand in between.
+_BY_DEVICES = {
+    "machine.arm.drives.max_acceleration_deg_s2": 1e6,
+    "machine.arm.drives.time_constant_ms": 20.0,
+}
 # Resolution of the optical tracker of Appendix B [mm, deg].
 _TRACKER = (0.05, 0.01)
 
@@ -154,6 +160,7 @@ def make_real(scenario: LevellingScenario) -> RealMachine[LevellingScenario]:
         homings={"legs": make_homing(scenario.machine)},
         fittings={"legs": {name: round(1e3 * end, 3) for name, end in ends.items()}},
         exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},
+        by_devices=_BY_DEVICES,
         cut={
             "legs.voltage": 0.0,
             "legs.stop": 1.0,

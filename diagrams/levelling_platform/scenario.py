@@ -326,6 +326,13 @@ class LevellingScenario(Schema):
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property
+    def has_arm(self) -> bool:
+        """Whether there is an arm that can be moved: a real one may not be fitted."""
+        drivers = self.hardware.drivers if self.backend == "hardware" else []
+        is_fitted = not any(d.part == "arm" and isinstance(d, NotFittedPart) for d in drivers)
+        return is_fitted and self.machine.masses.arm.count > 0
+
+    @property
     def geometry_as_built(self) -> PlatformGeometry:
         """Dimensions of the machine: the drawing, and errors drawn from the seed."""
         length, angle = self.plant.length_error_mm, self.plant.angle_error_deg

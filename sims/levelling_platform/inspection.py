@@ -3,7 +3,9 @@
 The platform estimates the ground and levels itself; then its tip goes from point to point, and
 stays at each. Arm and turntable do what they can, the legs do the rest: before the move by the
 inverse kinematics of platform and arm as one chain, at its end by what encoders and inertial
-sensor tell of the tip.
+sensor tell of the tip. Of a rod that bends they tell an observer how far.
+
+A real machine is measured by its own sensors, its rod by the observer.
 """
 
 import math
@@ -22,7 +24,7 @@ from rich.console import Console
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.pointing import carried_arm, make_pointing_controller
-from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
 from parapod.diagrams.wiring import named_source
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Panel, Readout, Row
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
 _PERFECT, _WITH_ERRORS = 2.0, 10.0
 # Largest amplitude of the rod's vibration at a point [mm]; unshaped it is ten times that.
 _RESIDUAL = 15.0
+# Deflection of the rod as it is observed, and its largest error [mm]: while the rod moves by 150.
+_OBSERVED, _OBSERVED_ERROR = "tip_deflection_observed", 14.0
 # Time for which the tip stays, beyond which a run goes on [s].
 _SEEN = 0.1
 
@@ -145,17 +149,26 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         *("tip_command", "tip_goal", "tip_estimated", "tip_arrived", "points_done"),
         *("arm.position_command", "stability_margin"),
     )
+    backends = (*SIMULATED, "hardware")
     takes = "60 s"
     advice = (
         "Move the tip with the sliders in the browser: arm and turntable go to the red point as "
         "far as they can, and the legs do the rest."
     )
 
+    def needed(self, scenario: InspectScenario) -> tuple[str, ...]:
+        """See `LoopExperiment`; of a real machine, what legs measure."""
+        is_real = scenario.backend == "hardware"
+        return (*super().needed(scenario), *(("legs.extension",) if is_real else ()))
+
     def check(self, scenario: InspectScenario) -> None:
         """Refuses a platform without an arm, points without end, and views of some points only."""
         super().check(scenario)
         check_friction(scenario)
         carried_arm(scenario)
+        if not scenario.has_arm:
+            key = "hardware.drivers"
+            raise ScenarioError(f"{key}: an arm must be fitted, as !Epos2Arm: its tip moves", key)
         points = scenario.inspection.points
         key = "inspection.points"
         if not points:
@@ -185,6 +198,7 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         parts: dict[str, Any] = {
             "controller": partial(make_pointing_controller, has_view=scenario.has_view),
             "sources": (trigger(scenario), script),
+            "log_too": (_OBSERVED,),
         }
         return ClosedLoop(PLATFORM, scenario, **(parts | options))
 
@@ -236,7 +250,7 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         meaning = "number of points at which the tip has not stayed"
         yield Metric("points_left", count - len(stays), "", 0.0, meaning=meaning)
         undefined = "the tip stayed at no point"
-        tip, deflection = run["truth.tip_pose"][:, 4:], run["truth.tip_deflection"]
+        tip = tip_in(run)
         errors = [float(np.linalg.norm(tip[s.counts].mean(axis=0) - s.point)) for s in stays]
         yield Metric(
             "tip_error_mm",
@@ -246,15 +260,29 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
             meaning="largest distance of the tip from its point, at rest",
             undefined=undefined,
         )
-        swings = [0.5 * float(np.ptp(deflection[s.counts], axis=0).max()) for s in stays]
-        yield Metric(
-            "residual_mm",
-            1e3 * max(swings, default=math.nan),
-            "mm",
-            _RESIDUAL * scenario.machine.size,
-            meaning="largest amplitude of the rod's vibration after arrival",
-            undefined=undefined,
-        )
+        true, observed = map(run.signals.get, ("truth.tip_deflection", _OBSERVED))
+        deflection = observed if true is None else true
+        if deflection is not None:
+            swings = [0.5 * float(np.ptp(deflection[s.counts], axis=0).max()) for s in stays]
+            yield Metric(
+                "residual_mm",
+                1e3 * max(swings, default=math.nan),
+                "mm",
+                _RESIDUAL * scenario.machine.size,
+                meaning="largest amplitude of the rod's vibration after arrival",
+                undefined=undefined,
+            )
+        if true is not None and observed is not None:
+            has_point = np.isfinite(run["tip_goal"][:, 0])
+            missed = np.linalg.norm((observed - true)[has_point], axis=1)
+            yield Metric(
+                "observed_error_mm",
+                1e3 * float(missed.max()) if missed.size else math.nan,
+                "mm",
+                _OBSERVED_ERROR * scenario.machine.size,
+                meaning="largest distance of the observed deflection from the true one, always",
+                undefined="the tip had no point",
+            )
         times = [float(run.time[s.counts][-1]) - s.begin for s in stays]
         yield Metric(
             "time_per_point_s",
@@ -265,6 +293,14 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
         )
         yield stroke_metric(scenario, run)
         yield realtime_metric(run)
+
+    def note(self, scenario: InspectScenario, run: Run) -> Iterator[str]:
+        """The source of a real machine's tip."""
+        if scenario.backend == "hardware":
+            yield (
+                "the tip as measured: by encoders, inertial sensor and the rod's sag; its "
+                "vibration as the observer has it"
+            )
 
     def draw(self, scenario: InspectScenario, run: Run) -> Iterator[Figure]:
         """The way of the tip, and its distance from the points."""
@@ -320,10 +356,22 @@ def stays_of(run: Run) -> list[Stay]:
     return stays
 
 
+def tip_in(run: Run) -> NDArray[np.float64]:
+    """True places of the tip (n, 3), or on a real machine the measured ones [m]."""
+    true = run.signals.get("truth.tip_pose")
+    return run["tip_estimated"] if true is None else true[:, 4:]
+
+
+def extension_in(scenario: LevellingScenario, run: Run) -> NDArray[np.float64]:
+    """True extensions (n, 4) of the legs, or on a real machine the measured ones [m]."""
+    true = run.signals.get("truth.extension")
+    return run["legs.extension"] + scenario.control.encoder_offsets if true is None else true
+
+
 def stroke_metric(scenario: LevellingScenario, run: Run) -> Metric:
     """Stroke that the tightest leg had left at any time after the beginning."""
     geometry = scenario.machine.geometry
-    extension = run["truth.extension"][np.isfinite(run["tip_goal"][:, 0])]
+    extension = extension_in(scenario, run)[np.isfinite(run["tip_goal"][:, 0])]
     left = np.minimum(extension - geometry.extension_min, geometry.extension_max - extension)
     return Metric(
         "stroke_left_mm",
@@ -409,7 +457,7 @@ def _known(value: float) -> float | None:
 
 def _draw_way(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
     begins = np.isfinite(run["tip_goal"][:, 0])
-    tip = 1e3 * run["truth.tip_pose"][begins, 4:]
+    tip = 1e3 * tip_in(run)[begins]
     points = np.array([point.place_mm for point in scenario.inspection.points])
     views: Any = canvas.subplots(1, 2)
     for axes, (i, j) in zip(views, ((0, 1), (0, 2)), strict=True):
@@ -426,7 +474,9 @@ def _draw_way(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
 def _draw_error(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
     geometry, goal = scenario.machine.geometry, run["tip_goal"]
     upper, lower = canvas.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    lines = {"true": run["truth.tip_pose"][:, 4:], "as measured": run["tip_estimated"]}
+    lines = {"as measured": run["tip_estimated"]}
+    if "truth.tip_pose" in run:
+        lines = {"true": tip_in(run)} | lines
     for label, tip in lines.items():
         distance = 1e3 * np.linalg.norm(tip - goal, axis=1)
         upper.semilogy(run.time, distance, label=label, linewidth=1.2)
@@ -439,7 +489,7 @@ def _draw_error(scenario: InspectScenario, run: Run, canvas: "Canvas") -> None:
     upper.set_ylabel("distance [mm]")
     upper.set_ylim(0.02, None)
     upper.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    lower.plot(run.time, 1e3 * run["truth.extension"], linewidth=1.2)
+    lower.plot(run.time, 1e3 * extension_in(scenario, run), linewidth=1.2)
     for end in (geometry.extension_min, geometry.extension_max):
         lower.axhline(1e3 * end, color="0.5", linewidth=0.8, linestyle="--")
     lower.set(ylabel="extension [mm]", xlabel="time [s]")

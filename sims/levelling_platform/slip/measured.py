@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 from typing import TYPE_CHECKING
 
-from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.sims.levelling_platform.leg_job import (
     LegJob,
     LegWatch,
@@ -194,7 +193,7 @@ def measure_lift(
     control = machine.control
     return Measured(
         times,
-        has_arm(machine),
+        machine.has_arm,
         machine.geometry_as_known,
         control.period * np.arange(len(watch.rows["t"]), dtype=float),
         watch.column("legs.extension") + control.encoder_offsets,
@@ -228,16 +227,6 @@ def _held_before(trajectory: PiecewisePolynomial) -> PiecewisePolynomial:
     )
     spline.ConcatenateInTime(trajectory)
     return spline
-
-
-def has_arm(machine: LevellingScenario) -> bool:
-    """Whether a machine has an arm."""
-    if not machine.machine.masses.arm.count:
-        return False
-    if machine.backend != "hardware":
-        return True
-    drivers = machine.hardware.drivers
-    return not any(d.part == "arm" and isinstance(d, NotFittedPart) for d in drivers)
 
 
 def measured_metrics(scenario: SlipScenario, data: Measured) -> Iterator[Metric]:

@@ -1,15 +1,29 @@
 """The experiment `inspect`: the tip comes to its points, by legs, turntable and arm together."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
+from parapod.diagrams.levelling_platform import pointing
 from parapod.diagrams.levelling_platform.arms import FlexibleRod
+from parapod.diagrams.levelling_platform.pointing import make_pointing_controller
+from parapod.diagrams.levelling_platform.tip import observed_arm
+from parapod.diagrams.recording import Recording
+from parapod.diagrams.wiring import outputs_of
+from parapod.sims.lab.discovery import find_entry
 from parapod.sims.levelling_platform.inspection import Inspect, InspectScenario
 from parapod.sims.levelling_platform.scene import TipScene
 from parapod.sims.output.figures import render
+from parapod.systems.arm import flexible_arm
+from parapod.systems.arm.rod_motion import ClampMotion
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.core.vectors import Axes
 from parapod.systems.levelling_platform.carried_arm import UnreachableTip
 
 TWO = "inspection.points=[{place_mm: [1030, 20, 2360]}, {place_mm: [930, 1620, 1430]}]"
@@ -50,6 +64,107 @@ def test_a_machine_with_errors_keeps_its_wider_bound(execute):
 def test_shaped_moves_leave_the_rod_nearly_at_rest(execute, found):
     unshaped = execute("inspect", *BRIEF, PERFECT, "control.arm_shaper=none")
     assert found["residual_mm"] < 0.1 * unshaped["residual_mm"]
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """All signals of such a run."""
+    default = find_entry("inspect").default_scenario
+    scenario = load_scenario(InspectScenario, default, None, (*BRIEF, PERFECT))
+    loop = Inspect("inspect").loop(scenario)
+    simulator = Simulator(loop)
+    simulator.AdvanceTo(14.0)
+    return scenario, loop.recording(simulator.get_context())
+
+
+def test_the_rod_is_observed_as_it_bends_and_rests_before_the_ground_is_known(recorded):
+    _, recording = recorded
+    observed, true = recording["tip_deflection_observed"], recording["truth.tip_deflection"]
+    is_known = recording["ground_valid"][:, 0] > 0.5
+    assert not is_known[0]
+    assert not observed[~is_known].any()
+    assert not recording["rod_observed"][~is_known].any()
+    missed = np.linalg.norm(observed - true, axis=1)
+    # The first estimate of the ground finds a rod at rest: no jump makes it swing.
+    assert missed[np.flatnonzero(is_known)[2:20]].max() < 1.5e-3
+    assert np.ptp(true[:, 0]) > 0.05
+    assert missed[is_known].max() < 0.1 * np.ptp(true[:, 0])
+
+
+def softer(scenario, payload=0.0):
+    """An observer of a rod that is three quarters as stiff."""
+    other = copy.deepcopy(scenario)
+    other.machine.arm.bending_stiffness_Nm2 = [320.0, 320.0]
+    return observed_arm(other, payload)
+
+
+def unmoved(scenario, payload=0.0):
+    """An observer of a rod that follows its weight alone."""
+    real = flexible_arm._moved
+
+    def moved(*arguments):
+        ahead = real(*arguments)
+        weight = Axes.from_quaternion(ahead.numbers[:4]).components((0.0, 0.0, GRAVITY))
+        return ahead._replace(motion=ClampMotion(weight))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flexible_arm, "_moved", moved)
+        return observed_arm(scenario, payload)
+
+
+@pytest.mark.parametrize("wrong", [softer, unmoved])
+def test_an_observer_that_is_wrong_breaks_its_bound(execute, monkeypatch, wrong):
+    monkeypatch.setattr(pointing, "observed_arm", wrong)
+    found = execute("inspect", *BRIEF, PERFECT)
+    assert [metric.key for metric in found.broken] == ["observed_error_mm"]
+
+
+def test_a_rigid_arm_and_one_too_fast_for_the_controller_have_no_observer():
+    rigid = load_scenario(InspectScenario, overrides=("machine.arm=!Rod {}",))
+    stiff = "machine.arm=!FlexibleRod {bending_stiffness_Nm2: [4.0e+6, 4.0e+6]}"
+    for scenario in (rigid, load_scenario(InspectScenario, overrides=(stiff,))):
+        assert observed_arm(scenario) is None
+        assert "rod_observed" not in outputs_of(make_pointing_controller(scenario))
+
+
+def test_modes_that_the_controllers_period_does_not_carry_are_left_out():
+    def count(period):
+        settings = "machine.arm=!FlexibleRod {modes: 3}", f"control.period={period}"
+        controller = make_pointing_controller(load_scenario(InspectScenario, overrides=settings))
+        return outputs_of(controller)["rod_observed"].size()
+
+    assert count(0.005) > count(0.02) >= 4
+
+
+def test_a_real_machine_without_an_arm_is_refused(execute):
+    unfit = "hardware.drivers=[!NiDaqLegs {}, !Adis16448SpiImu {}, !Epos2Wheels {}, "
+    with pytest.raises(ScenarioError, match="an arm must be fitted") as caught:
+        execute("inspect", "backend=hardware", f"{unfit}!NotFittedPart {{part: arm}}]")
+    assert caught.value.key == "hardware.drivers"
+
+
+class Real(Recording):
+    """A run on a real machine: there is no truth."""
+
+    realtime_factor = 1.0
+
+    def __init__(self, run):
+        measured = {n: x for n, x in run.signals.items() if not n.startswith("truth.")}
+        super().__init__(run.time, measured, run.units)
+
+
+def test_what_is_measured_takes_the_place_of_what_is_true(recorded, found):
+    scenario, recording = recorded
+    scenario, real = replace(scenario, backend="hardware"), Real(recording)
+    inspect = Inspect("inspect")
+    metrics = {metric.key: metric.value for metric in inspect.measure(scenario, real)}
+    assert "observed_error_mm" not in metrics
+    assert metrics["points_left"] == 0
+    for key, most in (("tip_error_mm", 2.0), ("residual_mm", 5.0), ("stroke_left_mm", 0.1)):
+        assert metrics[key] == pytest.approx(found[key], abs=most)
+    for figure in inspect.draw(scenario, real):
+        assert render(figure).startswith(b"<?xml")
+    assert "observer" in " ".join(inspect.note(scenario, real))
 
 
 @pytest.mark.parametrize(

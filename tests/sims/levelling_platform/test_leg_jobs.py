@@ -36,7 +36,6 @@ from parapod.sims.levelling_platform.identify.steps import find_steps, separate_
 from parapod.sims.levelling_platform.slip.experiment import Slip, Slipped
 from parapod.sims.levelling_platform.slip.measured import (
     Times,
-    has_arm,
     measure_lift,
 )
 from parapod.sims.levelling_platform.slip.scenario import BEGIN, SlipScenario
@@ -244,7 +243,7 @@ def test_without_an_arm_the_swing_s_metrics_are_left_out(lifted):
     scenario, data = lifted
     hardware = slip("backend=hardware").levelling
     assert any(isinstance(driver, NotFittedPart) for driver in hardware.hardware.drivers)
-    assert not has_arm(hardware)
+    assert not hardware.has_arm
     bare = Slipped(replace(data, has_arm=False), [])
     keys = {metric.key for metric in Slip("slip").measure(scenario, bare)}
     assert not any(key.startswith("arm_") for key in keys)
