@@ -10,14 +10,19 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from parapod.diagrams.levelling_platform.model import add_drawing
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.levelling_platform.tip import draw_bending, observed_arm
 from parapod.diagrams.real import MachineView
 from parapod.diagrams.twin import DESIRED, MEASURED, Twin
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.arm.flexible_arm import FlexibleArm
+from parapod.systems.core.errors import WiringError
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.kinematics import estimate_ground, forward_kinematics
 from parapod.systems.levelling_platform.model import standing_pose
 
 _SLAB, _SLAB_PATH = (2.6, 2.2, 0.04), "/measured_ground"  # [m]
 _FLOOR = -0.3  # [m]
+_JOINTS = f"{MEASURED}.joint_state"
 
 
 class PlatformTwin(Twin):
@@ -26,6 +31,8 @@ class PlatformTwin(Twin):
     The measured one has the measured extensions and the estimated attitude; until there is an
     estimate of the ground, that on which it would stand so, on its wheels or on its feet. The
     desired one, pale, has the extensions and the posture that the legs are led to.
+
+    An arm's rod that bends does so in the measured one: as it is observed, or as it sags at rest.
     """
 
     needed = frozenset(("legs.extension", "attitude_estimated"))
@@ -38,6 +45,7 @@ class PlatformTwin(Twin):
         "posture_desired_state",
         "arm.position",
         "arm.position_command",
+        "rod_observed",
     }
 
     def __init__(self, meshcat: Meshcat | None, scenario: LevellingScenario, prefix: str = ""):
@@ -47,12 +55,13 @@ class PlatformTwin(Twin):
         self._on_wheels = scenario.machine.wheel_geometry.standing_height
         count = scenario.machine.masses.arm.count
         self._still = np.zeros(count)
+        self._rod = observed_arm(scenario)
         for drawing in (MEASURED, DESIRED):
             extension = self.input(f"{drawing}.extension", LEG_COUNT)
             base_pose = self.input(f"{drawing}.base_pose", 7)
             arm = self.input(f"{drawing}.arm_position", count) if count else None
             path = self.path(drawing)
-            add_drawing(
+            model = add_drawing(
                 self.builder,
                 (0.0, 0.0),
                 meshcat,
@@ -63,6 +72,11 @@ class PlatformTwin(Twin):
                 structure=scenario.machine.structure,
                 path=path,
             )
+            if drawing == MEASURED and self._rod is not None:
+                rod, joints = add(self.builder, self._rod), self.input(_JOINTS, 2 * count)
+                connect(self.builder, base_pose, rod.GetInputPort("base_pose"))
+                connect(self.builder, joints, rod.GetInputPort("joint_state"))
+                draw_bending(self.builder, *model, rod)
         self.finish()
         if meshcat is None or self.is_guest:
             return
@@ -94,6 +108,10 @@ class PlatformTwin(Twin):
         ):
             names = [f"{drawing}.{name}" for name in ("extension", "base_pose", "arm_position")]
             positions |= dict(zip(names, numbers, strict=True))
+        if self._rod is not None:
+            arm = positions[f"{MEASURED}.arm_position"]
+            positions[_JOINTS] = np.append(arm, self._still)
+            self._bend(self._rod, pose, arm, values.get("rod_observed"))
         self._publish(positions, time)
         self._dress(ground, time)
 
@@ -112,6 +130,23 @@ class PlatformTwin(Twin):
         if on_feet >= self._on_wheels:
             return ground, float(on_feet)
         return ground if is_known else attitude, self._on_wheels
+
+    def _bend(
+        self,
+        rod: FlexibleArm,
+        pose: NDArray[np.float64],
+        arm: NDArray[Any],
+        modal_state: NDArray[Any] | None,
+    ) -> None:
+        """Bends the rod of the measured drawing: as observed, or as it sags at rest."""
+        size = rod.GetOutputPort("modal_state").size()
+        if modal_state is not None and modal_state.shape != (size,):
+            raise WiringError(
+                f"the rod of the drawing has {size} modal coordinates and rates, the signal "
+                f"rod_observed {modal_state.size}"
+            )
+        context = rod.GetMyMutableContextFromRoot(self._context)
+        rod.set_rest(context, pose, arm.tolist(), modal_state)
 
     def _dress(self, ground: NDArray[np.float64], time: float) -> None:
         """Slab under the feet; of the drawings it is hidden."""
