@@ -122,6 +122,7 @@ _BY_DEVICES = {
     "machine.arm.drives.max_acceleration_deg_s2": 1e6,
     "machine.arm.drives.time_constant_ms": 20.0,
 }
+_ARM_RATES = (0.05, 0.2)  # of the arm's joints in a self-test: usual and largest [rad/s or m/s]
 # Resolution of the optical tracker of Appendix B [mm, deg].
 _TRACKER = (0.05, 0.01)
 
@@ -154,9 +155,17 @@ def make_real(scenario: LevellingScenario) -> RealMachine[LevellingScenario]:
         measures="position",
         rest={"brake": 0.0},
     )
+    arm = SelfTest(
+        command="position_command",
+        usual=_ARM_RATES[0],
+        largest=_ARM_RATES[1],
+        measures="position",
+        is_position=True,
+    )
+    arms = {"arm": arm} if scenario.machine.masses.arm.count else {}
     ends = {"extended_mm": switches.extended, "retracted_mm": switches.retracted}
     return RealMachine(
-        self_tests={"legs": legs, "wheels": wheels},
+        self_tests={"legs": legs, "wheels": wheels} | arms,
         homings={"legs": make_homing(scenario.machine)},
         fittings={"legs": {name: round(1e3 * end, 3) for name, end in ends.items()}},
         exchange={"multibody": 2e-3, "kinematic": 2e-3, "mujoco": 2e-3},

@@ -386,6 +386,12 @@ class EmulatedDeploymentByTheClock(EmulatedPlatformByTheClock):
     experiment = "deploy"
 
 
+class EmulatedInspection(EmulatedPlatform):
+    """The platform with its arm on drives."""
+
+    experiment = "inspect"
+
+
 class EmulatedPlatformOnWheels(EmulatedPlatform):
     """The platform before it has been anywhere, on level ground."""
 
@@ -510,6 +516,12 @@ def emulate_for(emulators):
         "walk": EmulatedChairByTheClock,
     }
     return lambda job: emulators(kinds[job])
+
+
+@pytest.fixture(scope="module")
+def emulate_inspection(emulators):
+    """emulate_inspection() begins an `EmulatedInspection`."""
+    return partial(emulators, EmulatedInspection)
 
 
 @pytest.fixture(scope="module")
