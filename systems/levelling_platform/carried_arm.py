@@ -229,9 +229,8 @@ class CarriedArm:
 
     def platform_pose(self, posture: Sequence[float]) -> Array:
         """Quaternion (w, x, y, z) and place (7) in the world of a platform in a posture (3)."""
-        roll, pitch, height = posture
-        on_feet, _ = self._on_feet(roll, pitch, height)
-        return np.array(on_feet.pose((roll, pitch, height), normal_of(*self.ground)))
+        on_feet, _ = self._on_feet(*posture)
+        return np.array(on_feet.pose(posture, normal_of(*self.ground)))
 
     def posture_jacobian(self, posture: ArrayLike, joints: ArrayLike) -> Array:
         """Derivative of the tip's place by the posture (3, 3) [m/rad, m/rad, -].
@@ -331,9 +330,8 @@ class CarriedArm:
         is_single = chain.ndim == 1
         # One chain in plain numbers, which is several times faster.
         roll, pitch, height, *joints = chain.tolist() if is_single else np.moveaxis(chain, -1, 0)
-        normal = normal_of(*self.ground)
         on_feet, extension = self._on_feet(roll, pitch, height)
-        centre = plus(on_feet.along, scaled(normal, height))
+        centre = plus(on_feet.along, scaled(normal_of(*self.ground), height))
         place, axis = self._on_platform(joints, roll, pitch)
         tip = about_vertical(plus(centre, to_world(place, roll, pitch)), on_feet.yaw)
         view = about_vertical(to_world(axis, roll, pitch), on_feet.yaw)

@@ -94,9 +94,7 @@ class FeetPose(NamedTuple):
     along: Vector3
     yaw: Elementwise
 
-    def pose(
-        self, posture: tuple[Elementwise, Elementwise, Elementwise], normal: Vector3
-    ) -> tuple[Elementwise, ...]:
+    def pose(self, posture: Sequence[Elementwise], normal: Vector3) -> tuple[Elementwise, ...]:
         """Quaternion (w, x, y, z) and place (7) of the platform, from the middle of the feet.
 
         Args:

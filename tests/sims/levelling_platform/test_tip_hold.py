@@ -1,8 +1,11 @@
 """The tip held in a point while disturbances come."""
 
+import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from parapod.sims.lab.discovery import find_entry
+from parapod.sims.levelling_platform.tip_hold import TipHoldScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform.pointing import TipLoop
@@ -51,6 +54,24 @@ def test_a_payload_lowers_the_tip_of_a_rod_that_bends_unless_it_is_told(held, to
     else:
         # Half a kilogram at the end of a tube that leans by 50 deg.
         assert 15.0 < result["tip_error_mm"] < 31.0
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_the_observer_bends_its_rod_by_a_payload_that_it_is_told(told):
+    experiment = find_entry("tip-hold")
+    payload = "disturbances=[!Payload {at: 13, mass_kg: 0.5, duration: 1.0}]"
+    overrides = ("backend=kinematic", EXACT, payload, f"hold.payload_is_told={str(told).lower()}")
+    scenario = load_scenario(TipHoldScenario, experiment.default_scenario, None, overrides)
+    loop = experiment.load().loop(scenario)
+    simulator = Simulator(loop)
+    simulator.AdvanceTo(16.0)
+    recording = loop.recording(simulator.get_context())
+    observed, true = recording["tip_deflection_observed"], recording["truth.tip_deflection"]
+    before, after = recording.time < 13.0, recording.time > 15.0
+    missed = np.linalg.norm(observed - true, axis=1)
+    assert np.ptp(true[before | after, 0]) > 0.015
+    assert missed[before].max() < 6e-3
+    assert (missed[after].max() < 8e-3) == told
 
 
 @pytest.mark.slow
