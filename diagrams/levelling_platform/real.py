@@ -122,7 +122,8 @@ _BY_DEVICES = {
     "machine.arm.drives.max_acceleration_deg_s2": 1e6,
     "machine.arm.drives.time_constant_ms": 20.0,
 }
-_ARM_RATES = (0.05, 0.2)  # of the arm's joints in a self-test: usual and largest [rad/s or m/s]
+# Rates of the arm's joints in a self-test: usual and largest [rad/s or m/s].
+_ARM_RATES = (0.05, 0.2)
 # Resolution of the optical tracker of Appendix B [mm, deg].
 _TRACKER = (0.05, 0.01)
 
