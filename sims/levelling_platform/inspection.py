@@ -232,7 +232,7 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
 
     def scene(self, scenario: InspectScenario) -> Meshcat:
         """The ground's slope against a horizontal floor."""
-        return make_scene(scenario)
+        return make_scene(scenario, with_arm=True)
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """The tip where it is wanted, measured and true."""

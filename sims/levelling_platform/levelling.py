@@ -123,12 +123,20 @@ def _refuse(key: str, value: float, why: str) -> None:
 
 # Places of camera and of what it looks at, by the machine's size [m].
 _CAMERA, _TARGET = (1.5, -5.4, 1.2), (0.25, 0.0, 1.0)
+# Both where all places of the arm's tip are in sight.
+_OF_ALL = (2.2, -8.0, 1.6), (0.1, 0.0, 1.3)
 
 
-def make_scene(scenario: LevellingScenario) -> Meshcat:
-    """A scene in which the ground's slope shows against a horizontal floor."""
+def make_scene(scenario: LevellingScenario, with_arm: bool = False) -> Meshcat:
+    """A scene in which the ground's slope shows against a horizontal floor.
+
+    Args:
+        scenario: its machine and ground are shown.
+        with_arm: true if all places of the arm's tip are to be in sight.
+    """
     size, slab = scenario.machine.size, scenario.machine.structure.ground_size
-    camera, target = ((size * np.array(place)).tolist() for place in (_CAMERA, _TARGET))
+    places = _OF_ALL if with_arm else (_CAMERA, _TARGET)
+    camera, target = ((size * np.array(place)).tolist() for place in places)
     meshcat = make_viewer(camera, target)
     R_WG = RollPitchYaw(*scenario.ground.inclination, 0.0).ToRotationMatrix()
     # Under the slab of `ground.urdf`, which is 2.6 m by 2.2 m and 0.04 m thick.
