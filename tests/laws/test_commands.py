@@ -28,7 +28,7 @@ SOON = {"job": {"estimate_at": 0.5}}
 # A tenth as many instants are as good a proof.
 SELDOM = {"control": {"period": 0.01}}
 SETTINGS = {
-    **dict.fromkeys(("levelling_platform", "level", "track-posture"), SOON),
+    **dict.fromkeys(("levelling_platform", "level", "track-posture", "inspect"), SOON),
     **dict.fromkeys(("terrain_simulator", "bench-walk"), SELDOM),
 }
 

@@ -344,7 +344,7 @@ REFUSALS = [
         r"begin `parapod emulate chair-walk` in another terminal.*",
     ),
     ("check rudder", r"part 'rudder' is not one of .*legs.*"),
-    ("check imu --move 1 --yes", r".*'imu' cannot be moved; legs, wheels can|!Adis.*"),
+    ("check imu --move 1 --yes", r".*'imu' cannot be moved; legs, wheels, arm can|!Adis.*"),
     ("check legs --seconds 0", r"--seconds 0 is outside 0\.1\.\.3600"),
 ]
 
