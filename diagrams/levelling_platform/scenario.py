@@ -327,7 +327,7 @@ class LevellingScenario(Schema):
 
     @property
     def has_arm(self) -> bool:
-        """Whether there is an arm that can be moved: a real one may not be fitted."""
+        """Tell whether an arm can be moved: a real one may not be fitted."""
         drivers = self.hardware.drivers if self.backend == "hardware" else []
         is_fitted = not any(d.part == "arm" and isinstance(d, NotFittedPart) for d in drivers)
         return is_fitted and self.machine.masses.arm.count > 0

@@ -325,7 +325,7 @@ class TipLoop(LeafSystem):
         self._posture: Any = self.DeclareVectorOutputPort(
             "posture_measured", 3, self._calc_posture, standing
         )
-        enabled = standing | {self._enable.ticket()}
+        enabled = standing | {self._enable.ticket(), ports["payload"].ticket()}
         self.DeclareVectorOutputPort("platform_pose_measured", 7, self._calc_pose, enabled)
         sensors = standing | {ports[name].ticket() for name in ("arm_position", "payload")}
         self._estimated: Any = self.DeclareVectorOutputPort(
@@ -363,8 +363,9 @@ class TipLoop(LeafSystem):
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         posture = self._posture.Eval(context).tolist()
         is_known = is_on(self._enable, context) and np.isfinite(posture).all()
-        unloaded = self._on(*self._ground(context), [0.0])
-        output.SetFromVector(unloaded.platform_pose(posture) if is_known else _NOWHERE)
+        # As the tip has it, lest there be two of them by turns; what it bears does not count.
+        pose = self._standing(context).platform_pose(posture) if is_known else _NOWHERE
+        output.SetFromVector(pose)
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
         attitude = read(self._ports["attitude"], context)

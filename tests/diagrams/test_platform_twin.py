@@ -37,7 +37,7 @@ def places(twin, drawing=MEASURED):
 
 
 def ways(one, other):
-    """How far each shape is from one picture to the other [m]."""
+    """Distance of each shape between two pictures [m]."""
     assert one.keys() == other.keys()
     return [np.linalg.norm(one[shape] - other[shape]) for shape in one]
 

@@ -135,7 +135,7 @@ class Epos2Settings(Schema):
 
     @property
     def has_brake(self) -> bool:
-        """Whether the axes are commanded to brake as well."""
+        """Tell whether the axes are commanded to brake as well."""
         return True
 
     @property

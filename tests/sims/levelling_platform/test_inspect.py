@@ -144,7 +144,7 @@ def test_a_real_machine_without_an_arm_is_refused(execute):
 
 
 class Real(Recording):
-    """A run on a real machine: there is no truth."""
+    """A run on a real machine, without truth."""
 
     realtime_factor = 1.0
 

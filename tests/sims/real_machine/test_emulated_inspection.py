@@ -50,7 +50,11 @@ def test_the_tip_comes_to_its_points_and_the_rod_is_observed(machine, tmp_path):
         assert most(observed, axis=0) == pytest.approx(most(true, axis=0), abs=0.018)
 
 
-def test_the_arms_drives_pass_their_self_test(machine, monkeypatch):
+def test_a_self_test_turns_one_joint_of_the_arm(machine, monkeypatch):
+    begin = len(machine.logged("arm.position")[0])
     with machine.here(monkeypatch):
         here = ("--of", "inspect", "--move", "1", "--yes", "--seconds", "0.5")
         assert main(["check", "arm", *here]) in (0, 1)
+    turned, still = np.ptp(machine.logged("arm.position")[1][begin:], axis=0)
+    assert turned > 0.01
+    assert still < 1e-3
