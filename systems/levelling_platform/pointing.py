@@ -287,6 +287,8 @@ class TipLoop(LeafSystem):
         self.set_name("tip_loop")
         self._params, self._period, self._legs = params, period, carried.geometry.legs
         self._on = Remembered(partial(_on, carried))
+        # Of its own, lest one with a payload and one without take turns.
+        self._unloaded = Remembered(partial(_on, carried))
         self._pull = Remembered(partial(_pull, self._on))
         count = carried.arm.count
         sizes = (
@@ -325,7 +327,7 @@ class TipLoop(LeafSystem):
         self._posture: Any = self.DeclareVectorOutputPort(
             "posture_measured", 3, self._calc_posture, standing
         )
-        enabled = standing | {self._enable.ticket(), ports["payload"].ticket()}
+        enabled = standing | {self._enable.ticket()}
         self.DeclareVectorOutputPort("platform_pose_measured", 7, self._calc_pose, enabled)
         sensors = standing | {ports[name].ticket() for name in ("arm_position", "payload")}
         self._estimated: Any = self.DeclareVectorOutputPort(
@@ -363,9 +365,10 @@ class TipLoop(LeafSystem):
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         posture = self._posture.Eval(context).tolist()
         is_known = is_on(self._enable, context) and np.isfinite(posture).all()
-        # As the tip has it, lest there be two of them by turns; what it bears does not count.
-        pose = self._standing(context).platform_pose(posture) if is_known else _NOWHERE
-        output.SetFromVector(pose)
+        if not is_known:
+            output.SetFromVector(_NOWHERE)
+            return
+        output.SetFromVector(self._unloaded(*self._ground(context)).platform_pose(posture))
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
         attitude = read(self._ports["attitude"], context)
