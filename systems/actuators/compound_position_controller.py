@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.elementwise import nan_without_warning
-from parapod.systems.core.ports import declare_cached, is_on, read_array
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import declare_cached, has_value, is_on, read_array
 
 MODES = ("compound", "velocity", "position")
 
@@ -86,7 +87,7 @@ class CompoundPositionController(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_state)
 
     def _is_enabled(self, context: Context) -> bool:
-        return not self._enable.HasValue(context) or is_on(self._enable, context)
+        return not has_value(self._enable, context) or is_on(self._enable, context)
 
     def _calc_velocity_command(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._law.value(self, context)[0])

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
-    LeafSystem_,
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import Elementwise, exp, log
-from parapod.systems.core.ports import elements, is_safe, read
+from parapod.systems.core.leaf_system import LeafSystem_
+from parapod.systems.core.ports import elements, evaluated, has_value, is_safe, read
 from parapod.systems.core.templates import for_floats
 
 
@@ -277,9 +277,9 @@ def LinearActuator_(T: Any) -> Any:
             velocities = elements(context.get_discrete_state(1))
             gains = elements(context.get_numeric_parameter(self._gains))
             voltages = read(self._voltage, context)
-            if self._stop.HasValue(context) and is_safe(self._stop, context):
+            if has_value(self._stop, context) and is_safe(self._stop, context):
                 voltages = [0.0] * self.channels
-            loaded = self._load.HasValue(context)
+            loaded = has_value(self._load, context)
             loads = read(self._load, context) if loaded else [0.0] * self.channels
             step = self._stepper.step
             for i, voltage in enumerate(voltages):
@@ -294,7 +294,7 @@ def LinearActuator_(T: Any) -> Any:
             output.SetFromVector(np.array(positions + velocities))
 
         def _update_state(self, context: Context, discrete_state: Any) -> None:
-            ahead = self._next.Eval(context)
+            ahead = evaluated(self._next, context)
             discrete_state.set_value(0, ahead[: self.channels])
             discrete_state.set_value(1, ahead[self.channels :])
 

@@ -9,11 +9,11 @@ import numpy as np
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
-    LeafSystem_,
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.core.ports import elements, is_on, read
+from parapod.systems.core.leaf_system import LeafSystem_
+from parapod.systems.core.ports import elements, has_value, is_on, read
 from parapod.systems.core.templates import for_floats
 
 
@@ -121,7 +121,7 @@ def PiController_(T: Any) -> Any:
 
         def _update_voltage(self, context: Context, discrete_state: Any) -> None:
             n = self.channels
-            if self._enable.HasValue(context) and not is_on(self._enable, context):
+            if has_value(self._enable, context) and not is_on(self._enable, context):
                 discrete_state.set_value(0, np.zeros(n))
                 inner = elements(context.get_discrete_state(1))
                 inner[n:] = [0.0] * n

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, read
 from parapod.systems.core.remembered import Remembered
 

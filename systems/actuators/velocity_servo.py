@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
-    LeafSystem,
     OutputPort,
 )
 from pydrake.systems.primitives import (
@@ -22,6 +21,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_safe, read
 from parapod.systems.sensors.encoder import Encoder
 

@@ -3,10 +3,11 @@
 from operator import mul
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core import quaternions
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read, read_or_zeros
 from parapod.systems.core.triples import cross, plus
 from parapod.systems.core.vectors import Axes

@@ -20,9 +20,9 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import LeafSystem
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 
 # Pieces into which a long cylinder is cut, and length of one that is cut, by that of the rod [-].

@@ -9,12 +9,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.rod_motion import NO_FORCE, ClampMotion, RodMotion, Tip
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core import quaternions
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read, read_or_zeros
 from parapod.systems.core.remembered import Remembered

@@ -25,11 +25,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 from scipy.linalg import expm  # type: ignore[import-untyped]
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.serial_arm import SerialArm, rotated
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, is_on, read, read_or_zeros
 from parapod.systems.core.triples import Vector3, cross, dot, plus, scaled

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.arm.serial_arm import SerialArm
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read, read_or_zeros
 from parapod.systems.core.remembered import Remembered

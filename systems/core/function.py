@@ -6,7 +6,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
+
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import read_array
 
 
 class FunctionSystem(LeafSystem):
@@ -51,5 +54,5 @@ def _calc(
     output: BasicVector,
 ) -> None:
     system: Any = reference()
-    values = (np.asarray(port.Eval(context)) for port in system._inputs)
+    values = (read_array(port, context) for port in system._inputs)
     output.SetFromVector(np.asarray(function(*values), dtype=float))

@@ -1,7 +1,9 @@
 """Fast, typed access to vectors from Python callbacks, and cached results of calculations.
 
 A controller's tick reads some forty short vectors. `InputPort.Eval` copies through numpy each
-time; these readers go through a view to plain numbers, for floats and AutoDiffXd alike.
+time; these readers go through a view to plain numbers, for floats and AutoDiffXd alike. In the
+context of many rows they give numbers of rows: a law that reads its inputs by them is carried out
+for any number of runs at once.
 
 A bound method or a cache entry held by a system makes a cycle through C++ that Python's garbage
 collector cannot see, and a diagram with one is never freed: hence `declare_cached`.
@@ -22,11 +24,14 @@ from pydrake.systems.framework import (
     Context,
     DependencyTicket,
     InputPort,
+    OutputPort,
     System,
     ValueProducer,
 )
 
 from parapod.systems.core.errors import WiringError
+from parapod.systems.core.leaf_system import LeafSystem, RowsContext, Vector
+from parapod.systems.core.rows import array_of
 from parapod.systems.core.switching import switched
 
 # Takes the numbers of a vector one by one: up to this size that is faster than making a view.
@@ -34,44 +39,77 @@ _SHORT = 12
 _PICK = {size: itemgetter(*range(size)) for size in range(2, _SHORT + 1)}
 
 
-def read(port: InputPort, context: Context) -> list[Any]:
+def read(port: InputPort, context: Context | RowsContext) -> list[Any]:
     """The numbers at an input port, which must be connected."""
+    if type(context) is RowsContext:
+        return _of_rows(port, context)
     vector = port.EvalBasicVector(context)
     if type(vector) is BasicVector and (pick := _PICK.get(vector.size())):
         return list(pick(vector))
     return elements(vector)
 
 
-def read_or_zeros(port: InputPort, context: Context) -> list[Any]:
+def has_value(port: InputPort, context: Context | RowsContext) -> bool:
+    """Whether an input port is connected."""
+    if type(context) is RowsContext:
+        return context.input(int(port.get_index())) is not None
+    return bool(port.HasValue(context))
+
+
+def read_or_zeros(port: InputPort, context: Context | RowsContext) -> list[Any]:
     """The numbers at an input port; zeros if it is not connected."""
-    return read(port, context) if port.HasValue(context) else [0.0] * port.size()
+    return read(port, context) if has_value(port, context) else [0.0] * port.size()
 
 
-def read_array(port: InputPort, context: Context) -> NDArray[np.float64]:
-    """The vector at an input port, copied; an object array for AutoDiffXd."""
+def read_array(port: InputPort, context: Context | RowsContext) -> NDArray[np.float64]:
+    """The vector at an input port, copied; an object array for AutoDiffXd and for rows."""
+    if type(context) is RowsContext:
+        return array_of(_of_rows(port, context))
     array: Any = port.Eval(context)
     return array
 
 
-def is_on(port: InputPort, context: Context) -> bool:
+def evaluated(port: OutputPort, context: Context | RowsContext) -> NDArray[np.float64]:
+    """The vector at an output port of the system whose context it is."""
+    if type(context) is RowsContext:
+        return array_of(context.output(int(port.get_index())))
+    array: Any = port.Eval(context)
+    return array
+
+
+def is_on(port: InputPort, context: Context | RowsContext) -> bool:
     """Whether the first number at an input port is above 0.5; NaN is off."""
-    signal: Any = port.EvalBasicVector(context)
-    return bool(signal[0] > 0.5)
+    return bool(_first(port, context) > 0.5)
 
 
-def is_safe(port: InputPort, context: Context) -> bool:
+def is_safe(port: InputPort, context: Context | RowsContext) -> bool:
     """Whether the first number at an input port has a switch on its safe side, 1.
 
     That is whatever is not near 0, NaN included, see `switched`.
     """
+    return switched(_first(port, context)) is not False
+
+
+def _first(port: InputPort, context: Context | RowsContext) -> Any:
+    if type(context) is RowsContext:
+        return _of_rows(port, context)[0]
     signal: Any = port.EvalBasicVector(context)
-    return switched(signal[0]) is not False
+    return signal[0]
+
+
+def _of_rows(port: InputPort, context: RowsContext) -> list[Any]:
+    numbers = context.input(int(port.get_index()))
+    if numbers is None:
+        raise WiringError(f"nothing is connected to the input '{port.get_name()}'")
+    return numbers
 
 
 def elements(vector: Any) -> list[Any]:
-    """The numbers of a BasicVector: floats, or AutoDiffXd."""
+    """The numbers of a BasicVector: floats, or AutoDiffXd; or those of rows."""
     if type(vector) is BasicVector and (pick := _PICK.get(vector.size())):
         return list(pick(vector))
+    if type(vector) is Vector:
+        return list(vector.numbers)
     try:
         return vector.value().tolist()
     except (RuntimeError, TypeError):  # scalars other than float have no view
@@ -90,8 +128,10 @@ class Cached:
     index: CacheIndex
     ticket: DependencyTicket
 
-    def value(self, system: Any, context: Context) -> Any:
+    def value(self, system: Any, context: Context | RowsContext) -> Any:
         """The object, calculated anew if something it depends on has changed."""
+        if type(context) is RowsContext:
+            return context.cached(int(self.index))
         return system.get_cache_entry(self.index).Eval(context)
 
 
@@ -111,6 +151,8 @@ def declare_cached(
 
     producer = ValueProducer(Value[object], produce)
     entry = system.DeclareCacheEntry(name, producer, prerequisites_of_calc)
+    if isinstance(system, LeafSystem):
+        system.declare_cache_law(int(entry.cache_index()), calc, prerequisites_of_calc)
     return Cached(entry.cache_index(), entry.ticket())
 
 

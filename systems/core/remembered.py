@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from parapod.systems.core import rows
+
 
 class Remembered[R]:
     """A pure function of lists of floats that keeps its last arguments with their result.
@@ -26,6 +28,8 @@ class Remembered[R]:
 
     def __call__(self, *arguments: Any) -> R:
         """The function's result."""
+        if rows.at_work:  # numbers of rows cannot be compared as a whole
+            return self._function(*arguments)
         if (last := self._last) is not None and last[0] == arguments:
             return last[1]
         result = self._function(*arguments)

@@ -13,9 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, InputPort, LeafSystem, State
+from pydrake.systems.framework import Context, InputPort, State
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read
 from parapod.systems.hardware.clock import (
     Hold,

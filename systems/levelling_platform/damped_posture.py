@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.arm.vibration import LumpedRod
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read, read_or_zeros
 from parapod.systems.core.triples import cross, plus
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
-    LeafSystem_,
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import Elementwise
+from parapod.systems.core.leaf_system import LeafSystem_
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.templates import for_floats
@@ -185,7 +185,7 @@ def KinematicFeedforward_(T: Any) -> Any:
             if not is_on(self._enable, context):
                 discrete_state.set_value(np.array([*extension, 0.0]))
                 return
-            rate = self._desired.Eval(context)[3:].tolist()
+            rate = read_array(self._desired, context)[3:].tolist()
             ahead = [d + self.period * v for d, v in zip(extension, rate, strict=True)]
             discrete_state.set_value(np.array([*ahead, 1.0]))
 

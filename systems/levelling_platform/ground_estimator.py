@@ -3,8 +3,9 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import is_on, read_array, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import estimate_ground, unevenness

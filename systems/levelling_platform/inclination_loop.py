@@ -12,12 +12,12 @@ import numpy as np
 from pydrake.systems.framework import (  # type: ignore[attr-defined]
     BasicVector_,
     Context,
-    LeafSystem_,
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from parapod.systems.core.elementwise import clamp
-from parapod.systems.core.ports import elements, is_on, read, read_or_zeros
+from parapod.systems.core.leaf_system import LeafSystem_
+from parapod.systems.core.ports import elements, has_value, is_on, read, read_or_zeros
 from parapod.systems.core.templates import for_floats
 from parapod.systems.core.triples import dot
 from parapod.systems.levelling_platform.geometry import ACTIVE_LEGS, LEG_COUNT, PlatformGeometry
@@ -111,7 +111,7 @@ def PostureLoop_(T: Any) -> Any:
             if not is_on(self._enable, context):
                 discrete_state.set_value(np.zeros(2))
                 return
-            if self._trusted.HasValue(context) and not is_on(self._trusted, context):
+            if has_value(self._trusted, context) and not is_on(self._trusted, context):
                 return
             correction = elements(context.get_discrete_state_vector())
             gain, lag, limit = elements(context.get_numeric_parameter(self._design))

@@ -2,8 +2,9 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.ports import read
+from parapod.systems.core.ports import evaluated, has_value, read
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
@@ -133,7 +133,7 @@ class KinematicPlatform(OnInclinedGround):
 
     def part(self, context: Context, part: slice) -> NDArray[np.float64]:
         """Part of the one solution that all ports share."""
-        part_of_stance: NDArray[np.float64] = self._stance.Eval(context)[part]
+        part_of_stance: NDArray[np.float64] = evaluated(self._stance, context)[part]
         return part_of_stance
 
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:
@@ -147,9 +147,9 @@ class KinematicPlatform(OnInclinedGround):
         output.SetFromVector(np.array(on_feet.pose((roll, pitch, height), normal)))
 
     def _calc_stance(self, context: Context, output: BasicVector) -> None:
-        arm = read(self._arm, context) if self._arm.HasValue(context) else self._at_zero
+        arm = read(self._arm, context) if has_value(self._arm, context) else self._at_zero
         offsets, rates = self._offsets_of(context), [0.0] * LEG_COUNT
-        if self._rising.HasValue(context):
+        if has_value(self._rising, context):
             rising = read(self._rising, context)
             if not sum(map(abs, rising)) < _FARTHEST:
                 output.SetFromVector(np.full(_STANCE_SIZE, math.nan))
@@ -161,7 +161,7 @@ class KinematicPlatform(OnInclinedGround):
             self._ground_of(context),
             arm,
             offsets,
-            read(self._load, context) if self._load.HasValue(context) else [],
+            read(self._load, context) if has_value(self._load, context) else [],
             rates,
         )
         output.SetFromVector(stance)

@@ -3,9 +3,10 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
 

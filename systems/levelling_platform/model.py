@@ -29,8 +29,9 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, Joint, ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read, read_array, read_or_zeros
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import dot

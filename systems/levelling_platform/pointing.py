@@ -9,10 +9,18 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.background import Background
-from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import (
+    elements,
+    has_value,
+    is_on,
+    read,
+    read_array,
+    read_or_zeros,
+)
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.levelling_platform.carried_arm import (
     BarredTip,
@@ -344,7 +352,7 @@ class TipLoop(LeafSystem):
         output.SetFromVector(np.array(posture))
 
     def _calc_tip(self, context: Context, output: BasicVector) -> None:
-        posture = self._posture.Eval(context)
+        posture = read_array(self._posture, context)
         joints = read_array(self._ports["arm_position"], context)
         (payload,) = read_or_zeros(self._ports["payload"], context)
         if not (np.isfinite([*posture, *joints]).all() and abs(payload) < _HEAVIEST):
@@ -363,7 +371,7 @@ class TipLoop(LeafSystem):
         return read(self._ports["ground"], context), offsets
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
-        posture = self._posture.Eval(context).tolist()
+        posture = read_array(self._posture, context).tolist()
         is_known = is_on(self._enable, context) and np.isfinite(posture).all()
         if not is_known:
             output.SetFromVector(_NOWHERE)
@@ -390,7 +398,7 @@ class TipLoop(LeafSystem):
             state.set_value(self._since, np.array([math.inf]))
             return
         goal = read_array(self._ports["tip_goal"], context)
-        missed: NDArray[np.float64] = goal - self._estimated.Eval(context)
+        missed: NDArray[np.float64] = goal - read_array(self._estimated, context)
         if not self._is_at_rest(context) or not np.isfinite(missed).all():
             state.set_value(self._arrived, np.zeros(1))
             state.set_value(self._since, np.array([math.inf]))
@@ -401,7 +409,7 @@ class TipLoop(LeafSystem):
         is_near = float(np.linalg.norm(missed)) <= self._params.tolerance
         was_there = context.get_discrete_state(self._arrived)[0] > 0.5
         answered = self._ports["tip_answered"]
-        is_asked_for = not answered.HasValue(context) or is_on(answered, context)
+        is_asked_for = not has_value(answered, context) or is_on(answered, context)
         has_arrived = is_asked_for and (is_near or has_waited or was_there)
         state.set_value(self._arrived, np.array([float(has_arrived)]))
         correction = context.get_discrete_state(self._correction).CopyToVector()

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from parapod.systems.arm.serial_arm import ArmJoint
 from parapod.systems.core.controls import Controls, Slider, shown
-from parapod.systems.core.ports import elements, is_on, read_array, read_or_zeros
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import elements, has_value, is_on, read_array, read_or_zeros
 from parapod.systems.levelling_platform.carried_arm import CarriedArm
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range
@@ -172,7 +173,7 @@ class _PostureControls(LeafSystem):
     def _fit(self, context: Context, posture: NDArray[np.float64]) -> None:
         """Lets each slider go as far as the legs reach while the others stay."""
         set_range = getattr(self._controls, "SetSliderRange", None)
-        has_ground = self._valid.HasValue(context) and is_on(self._valid, context)
+        has_ground = has_value(self._valid, context) and is_on(self._valid, context)
         if set_range is None or not has_ground:
             return
         ground = read_array(self._ground, context)

@@ -12,11 +12,12 @@ from enum import IntEnum, StrEnum
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.core.ports import elements, read
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import elements, has_value, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import height_range, inverse_kinematics
 from parapod.systems.safety.faults import Severity
@@ -587,7 +588,7 @@ class Supervisor(LeafSystem):
         signals = {
             name: read(self.GetInputPort(name), context)
             for name in (*_ALWAYS, *_OPTIONAL)
-            if name in _ALWAYS or self.GetInputPort(name).HasValue(context)
+            if name in _ALWAYS or has_value(self.GetInputPort(name), context)
         }
         out = {name: elements(context.get_discrete_state(i)) for name, i in self._outputs.items()}
         memory = elements(context.get_discrete_state(self._memory))

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 from parapod.systems.machining_centre.job import Process
 from parapod.systems.machining_centre.panel import Panel

@@ -4,9 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read, read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry

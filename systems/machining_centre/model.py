@@ -20,8 +20,9 @@ from pydrake.multibody.tree import (
     MultibodyConstraintId,
     RigidBody,
 )
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.machining_centre.branch import branch_joints
 from parapod.systems.machining_centre.geometry import CentreGeometry

@@ -4,9 +4,10 @@ import math
 from contextlib import AbstractContextManager
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from parapod.systems.core.controls import Controls, PoseSliders, is_held, shown
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 

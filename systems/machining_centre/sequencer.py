@@ -1,9 +1,10 @@
 """The sequencer: leads a centre through its job, phase by phase."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from parapod.systems.core.ports import declare_cached, is_on, read_array, read_or_zeros
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import declare_cached, has_value, is_on, read_array, read_or_zeros
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import Job
@@ -141,13 +142,13 @@ class CentreSequencer(LeafSystem):
             is_stuck=is_on(ports["is_stuck"], context),
             is_pressed=is_on(ports["emergency_stop"], context),
             asked=self._asked(context),
-            is_stopped=ports["stop"].HasValue(context) and is_on(ports["stop"], context),
+            is_stopped=has_value(ports["stop"], context) and is_on(ports["stop"], context),
         )
 
     def _asked(self, context: Context) -> Array | None:
         """Pose and limb that a person asks for; None without such an input."""
         pose, limb = self._ports["pose_asked"], self._ports["limb_asked"]
-        if not pose.HasValue(context):
+        if not has_value(pose, context):
             return None
         (number,) = read_or_zeros(limb, context)
         request = np.array([*read_array(pose, context), number])

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array

@@ -2,8 +2,9 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.switching import are_safe
 from parapod.systems.machining_centre.geometry import CentreGeometry

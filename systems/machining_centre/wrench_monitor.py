@@ -1,8 +1,9 @@
 """Watches how much more a clamped centre could resist."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.statics import CentreMasses

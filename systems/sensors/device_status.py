@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
+
+from parapod.systems.core.leaf_system import LeafSystem
 
 # Two instants closer than this are the same one: sample times are sums and products of periods.
 _SAME_INSTANT = 1e-9

@@ -14,11 +14,11 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
 )
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import STANDARD_GRAVITY
-from parapod.systems.core.ports import elements, read, read_or_zeros
+from parapod.systems.core.ports import elements, has_value, read, read_or_zeros
 from parapod.systems.core.vectors import Axes
 from parapod.systems.sensors.noise import NoiseSource
 
@@ -261,7 +261,7 @@ class Imu(LeafSystem):
         self._sample(context, discrete_state, noise, drift)
 
     def _read_noise(self, context: Context) -> list[float]:
-        if not self._noise.HasValue(context):
+        if not has_value(self._noise, context):
             return [0.0] * self.NOISE_SIZE
         noise = read(self._noise, context)
         if math.isfinite(sum(noise)):

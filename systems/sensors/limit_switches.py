@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.ports import read
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import has_value, read
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class LimitSwitches(LeafSystem):
     def _calc_limits(self, context: Context, output: BasicVector) -> None:
         params = self.params
         extensions = read(self._extension, context)
-        if self._contact_force.HasValue(context):
+        if has_value(self._contact_force, context):
             forces = read(self._contact_force, context)
         else:
             forces = [0.0] * self.legs

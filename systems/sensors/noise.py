@@ -6,7 +6,9 @@ from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from parapod.systems.core.leaf_system import LeafSystem
 
 # Samples that are computed at once: about a second of an inertial sensor.
 _BLOCK = 128

@@ -3,8 +3,9 @@
 from typing import Any
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import BusValue, LeafSystem
+from pydrake.systems.framework import BusValue
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read
 
 

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.batching import columns, stack
 from parapod.systems.core.elementwise import sin_cos
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.ports import has_value, read_array
 from parapod.systems.core.vectors import Array
 
 
@@ -122,7 +123,7 @@ class ForceCells(LeafSystem):
         # What bears the tread is opposite to what loads it; its moment is about P.
         load = (-f_x, -f_z, z * f_x - x * f_z - m_y)
         readings = cell_forces(self._cells, load)
-        if self._deviation and self._noise.HasValue(context):
+        if self._deviation and has_value(self._noise, context):
             readings = readings + self._deviation * read_array(self._noise, context)
         output.SetFromVector(readings)
 

@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read
 
 

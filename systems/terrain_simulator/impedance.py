@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import is_on, read
 from parapod.systems.terrain_simulator.leg import LegModel
 

@@ -13,10 +13,11 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.batching import columns
 from parapod.systems.core.elementwise import atan2, sin_cos
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.geometry import BenchGeometry

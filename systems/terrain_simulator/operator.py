@@ -4,9 +4,10 @@ import math
 from contextlib import AbstractContextManager
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.controls import Controls, PoseSliders, shown
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.reference import trot

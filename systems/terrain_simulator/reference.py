@@ -5,9 +5,10 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.vectors import Array
 from parapod.systems.terrain_simulator.gait import Gait
 from parapod.systems.terrain_simulator.path import PlatePath

@@ -6,9 +6,10 @@ The start leads the branches from where they are to where the gait has them, wit
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.motion_laws import MOTION_LAWS
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.walking_chair.chair import chair_inverse, chair_motion

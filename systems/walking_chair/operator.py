@@ -3,9 +3,10 @@
 from contextlib import AbstractContextManager
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from parapod.systems.core.controls import Controls, is_held, shown
+from parapod.systems.core.leaf_system import LeafSystem
 
 
 class ChairControls(LeafSystem):

@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 from scipy.optimize import linprog, nnls  # type: ignore[import-untyped]
 
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read_array
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.ports import declare_cached, is_on
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import declare_cached, has_value, is_on
 from parapod.systems.walking_chair.gait import GaitMotion, Walk
 from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry, LegGeometry
 from parapod.systems.walking_chair.leg import leg_inverse
@@ -134,9 +135,9 @@ class GaitPlanner(LeafSystem):
         time, pace = self._clock(context)
         ahead = self._ahead(context, time, pace)
         step = self._period / self._pause
-        if self._halt.HasValue(context) and is_on(self._halt, context):
+        if has_value(self._halt, context) and is_on(self._halt, context):
             pace = max(0.0, pace - self._period / self._halting)
-        elif self._hold.HasValue(context) and is_on(self._hold, context):
+        elif has_value(self._hold, context) and is_on(self._hold, context):
             ahead, pace = self._held(time, ahead, pace, step)
         else:
             pace = min(1.0, pace + step)

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 from scipy.spatial import ConvexHull, QhullError  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import first_of_largest
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import Walk

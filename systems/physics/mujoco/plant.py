@@ -9,9 +9,10 @@ from pydrake.common.value import Value
 from pydrake.geometry import FramePoseVector
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import has_value, read_array
 from parapod.systems.physics.mujoco.model import MujocoModel
 
 # Force of a drive with its joint at zero that no command means, and that MuJoCo refuses [N, N m].
@@ -136,7 +137,7 @@ class MujocoPlant(LeafSystem):
         physics = self._restore(context)
         control = self._drives.control(read_array(self._desired, context), physics)
         self.model.data.qfrc_applied[:] = 0.0
-        if self._applied.HasValue(context):
+        if has_value(self._applied, context):
             applied = read_array(self._applied, context)
             if sum(map(abs, applied.tolist())) < _LARGEST:
                 self.model.apply(applied)

@@ -1,0 +1,54 @@
+"""Diagrams taken apart: their leaf systems, and which output each of their inputs reads."""
+
+from typing import Any
+
+from pydrake.systems.framework import Diagram, System
+
+from parapod.diagrams.wiring import leaf_systems
+
+# Leaf systems are known by their positions among all of a diagram.
+type Sources = dict[tuple[int, int], tuple[int, int]]
+
+
+def flattened(diagram: Diagram) -> tuple[list[System], Sources]:
+    """Leaf systems of a diagram of any depth, and its wiring without the levels between.
+
+    Args:
+        diagram: the diagram.
+
+    Returns:
+        The leaf systems; and by position and input of a leaf system, position and output of the
+        leaf system that it reads. Inputs that nothing drives are left out.
+    """
+    leaves = list(leaf_systems(diagram))
+    position = {id(leaf): i for i, leaf in enumerate(leaves)}
+    sources: Sources = {}
+    _collect(diagram, position, sources)
+    return leaves, sources
+
+
+def _collect(diagram: Diagram, position: dict[int, int], sources: Sources) -> None:
+    for (reader, input_port), (giver, output_port) in diagram.connection_map().items():
+        giver, output_port = _output(giver, output_port)
+        source = position[id(giver)], int(output_port)
+        for leaf, port in _inputs(reader, input_port):
+            sources[position[id(leaf)], int(port)] = source
+    for part in diagram.GetSystems():
+        if isinstance(part, Diagram):
+            _collect(part, position, sources)
+
+
+def _output(system: Any, port: Any) -> tuple[System, Any]:
+    """The leaf system's output that a system shows."""
+    while isinstance(system, Diagram):
+        system, port = system.get_output_port_locator(port)
+    return system, port
+
+
+def _inputs(system: Any, port: Any) -> list[tuple[System, Any]]:
+    """Inputs of leaf systems that a system hands an input to."""
+    if not isinstance(system, Diagram):
+        return [(system, port)]
+    return [
+        leaf for part, index in system.GetInputPortLocators(port) for leaf in _inputs(part, index)
+    ]

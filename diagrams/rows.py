@@ -1,0 +1,488 @@
+"""Simulation of many contexts of one diagram side by side: each row provably the Drake run.
+
+The diagram stays the only definition. Its wiring, periods, offsets and holds are read from it, and
+its systems' own callbacks are carried out for all rows at once, see `systems.core.rows`; the order
+of events is that of Drake's Simulator.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import (
+    CacheIndex,
+    Context,
+    Diagram,
+    DiscreteStateIndex,
+    NumericParameterIndex,
+)
+from pydrake.systems.primitives import VectorLogSink
+
+from parapod.diagrams.leaves import flattened
+from parapod.diagrams.primitives import find_laws
+from parapod.systems.core import rows as rows_module
+from parapod.systems.core.leaf_system import (
+    DiscreteValues,
+    Law,
+    Laws,
+    Output,
+    RowsContext,
+    Sampled,
+    zeros_for,
+)
+from parapod.systems.core.rows import Number, Rows, in_parts, matrix_of, merged
+
+type Floats = NDArray[np.float64]
+
+# Samples that a signal's memory grows by.
+_CHUNK = 256
+_ALL = "all sources"
+_TIME = "time"
+
+
+class Leaf:
+    """A leaf system with its numbers of all rows.
+
+    Attributes:
+        system: the system.
+        laws: its laws.
+        name: its path in the diagram.
+        state: groups of its discrete state.
+        parameters: its numeric parameters.
+        abstract: values of its abstract parameters, one a row.
+        contexts: Drake's contexts of the rows, where its laws need them.
+    """
+
+    def __init__(self, system: Any, laws: Laws, simulator: "RowsSimulator"):
+        self.system, self.laws, self.name = system, laws, system.GetSystemPathname()
+        self.sizes = [system.get_output_port(i).size() for i in range(len(laws.outputs))]
+        self.state: list[list[Number]] = []
+        self.parameters: list[list[Number]] = []
+        self.abstract: list[list[Any]] = []
+        self.contexts: list[Context] = []
+        self.sources: list[tuple[Leaf, int] | None] = [None] * system.num_input_ports()
+        self.fixed: dict[int, list[Number]] = {}
+        self.outputs: list[list[Number] | None] = [None] * len(laws.outputs)
+        self.caches: dict[tuple[int, Any], Any] = {}
+        self._simulator = simulator
+
+    @property
+    def time(self) -> float:
+        """Time [s]."""
+        return self._simulator.time
+
+    def input(self, index: int) -> list[Number] | None:
+        """Numbers at an input; None if nothing is connected to it."""
+        source = self.sources[index]
+        if source is None:
+            return self.fixed.get(index)
+        leaf, port = source
+        return leaf.output(port)
+
+    def output(self, index: int) -> list[Number]:
+        """Numbers at an output."""
+        numbers = self.outputs[index]
+        if numbers is None:
+            output = self.laws.outputs[index]
+            if output.law is None:
+                return self.state[output.group]
+            numbers = self._simulator.calculated(self, output.law, self.sizes[index])
+            self.outputs[index] = numbers
+        return numbers
+
+    def cached(self, index: int, rows: Any) -> Any:
+        """The object of a cache entry for some of the rows."""
+        key = index, rows.tobytes() if isinstance(rows, np.ndarray) else rows
+        if key not in self.caches:
+            law: Any = self.laws.caches[index].law
+            self.caches[key] = law(self.system, RowsContext(self, rows))
+        return self.caches[key]
+
+
+class Signal:
+    """Samples of a signal of all rows, in pieces of the memory that they need."""
+
+    def __init__(self, size: int):
+        self._size = size
+        self._pieces: list[tuple[Floats, NDArray[np.intp] | None, int]] = []
+
+    def add(self, numbers: Sequence[Number], rows: NDArray[np.intp]) -> None:
+        """Adds a sample.
+
+        Args:
+            numbers: its elements.
+            rows: the rows that they are of.
+        """
+        differ = any(type(number) is Rows for number in numbers)
+        last = self._pieces[-1] if self._pieces else None
+        if (
+            last is None
+            or last[2] == _CHUNK
+            or (last[1] is None) is differ
+            or (differ and last[1] is not rows)
+        ):
+            shape = (_CHUNK, self._size, rows.size) if differ else (_CHUNK, self._size)
+            last = np.empty(shape), rows if differ else None, 0
+            self._pieces.append(last)
+        piece, of, count = last
+        values: Any = matrix_of(numbers, rows.size) if differ else numbers
+        piece[count] = values
+        self._pieces[-1] = piece, of, count + 1
+
+    def row(self, row: int, count: int) -> Floats:
+        """The first samples (count, size) of a row."""
+        parts = []
+        for piece, rows, filled in self._pieces:
+            if rows is None:
+                parts.append(piece[:filled])
+            else:
+                position = int(np.searchsorted(rows, row))
+                if position == rows.size or rows[position] != row:
+                    break
+                parts.append(piece[:filled, :, position])
+        whole = np.concatenate(parts) if parts else np.empty((0, self._size))
+        return np.array(whole[:count])
+
+
+class RowsSimulator:
+    """Simulator of many contexts of one diagram.
+
+    Attributes:
+        time: time that all rows share [s].
+        rows: the rows that go on, by their numbers.
+        errors: by row, the reason why it has ended.
+        one_by_one: paths of systems whose laws were carried out row by row.
+    """
+
+    def __init__(self, diagram: Diagram, contexts: Iterable[Context]):
+        """Takes the rows' beginnings.
+
+        Args:
+            diagram: the diagram, without continuous or abstract state.
+            contexts: a context of the diagram for each row; each is read before the next is asked
+                for, so that they may be one that is set anew.
+
+        Raises:
+            ParapodError: a system that rows cannot have.
+        """
+        systems, sources = flattened(diagram)
+        self.time = 0.0
+        self.errors: dict[int, Exception] = {}
+        self.one_by_one: set[str] = set()
+        self._failed: dict[int, Exception] = {}
+        self._leaves = [Leaf(system, find_laws(system), self) for system in systems]
+        for (reader, port), (giver, output) in sources.items():
+            self._leaves[reader].sources[port] = self._leaves[giver], output
+        self._logs: dict[str, tuple[Leaf, Signal]] = {}
+        self._logged_at: list[float] = []
+        self.rows = np.arange(self._gather(contexts))
+        self._dependents = _dependents_of(self._leaves)
+        self._events: list[tuple[Leaf, Sampled]] = [
+            (leaf, sampled) for leaf in self._leaves for sampled in leaf.laws.sampled
+        ]
+        self._is_initialized = False
+
+    def log(self, sink: VectorLogSink, name: str) -> None:
+        """Records what a sink of the diagram would log, under a name."""
+        leaf = next(leaf for leaf in self._leaves if leaf.system is sink)
+        self._logs[name] = leaf, Signal(sink.get_input_port().size())
+
+    def advance_to(self, until: float, period: float) -> None:
+        """Simulates all rows that go on.
+
+        Args:
+            until: time at the end [s].
+            period: time between two samples of the logs [s].
+        """
+        rows_module.at_work, before = True, rows_module.at_work
+        try:
+            with np.errstate(all="ignore", divide="raise"):
+                self._advance_to(until, period)
+        finally:
+            rows_module.at_work = before
+
+    def times(self) -> Floats:
+        """Times of the samples [s]."""
+        return np.array(self._logged_at)
+
+    def signal(self, name: str, row: int) -> Floats:
+        """Samples (n, size) of a log in a row."""
+        return self._logs[name][1].row(row, len(self._logged_at))
+
+    def _advance_to(self, until: float, period: float) -> None:
+        if not self._is_initialized:
+            self._is_initialized = True
+            initial = [(leaf, law) for leaf in self._leaves for law in leaf.laws.initial]
+            self._update(initial)
+            self._record(period)
+        while self.rows.size:
+            due = [
+                (leaf, sampled.law)
+                for leaf, sampled in self._events
+                if _is_due(sampled.period, sampled.offset, self.time)
+            ]
+            if self.time >= until:
+                return
+            self._update(due)
+            following = [_next_time(s.period, s.offset, self.time) for _, s in self._events]
+            following.append(_next_time(period, 0.0, self.time))
+            self.time = min(*following, until)
+            self._forget(self._dependents.get(_TIME, ()))
+            self._record(period)
+
+    def _record(self, period: float) -> None:
+        if not self._logs or not _is_due(period, 0.0, self.time):
+            return
+        while self.rows.size:
+            samples = [leaf.input(0) for leaf, _ in self._logs.values()]
+            if not self._drop_failed():
+                break
+        if not self.rows.size:
+            return
+        self._logged_at.append(self.time)
+        for (_, signal), numbers in zip(self._logs.values(), samples, strict=True):
+            assert numbers is not None
+            signal.add(numbers, self.rows)
+
+    def _update(self, laws: Sequence[tuple[Leaf, Law]]) -> None:
+        """Carries out updates of the state that take place together."""
+        ahead: dict[int, tuple[Leaf, list[list[Number]]]] = {}
+        while self.rows.size:
+            ahead = {}
+            for leaf, law in laws:
+                _, groups = ahead.get(id(leaf), (leaf, leaf.state))
+                ahead[id(leaf)] = leaf, self._updated(leaf, law, groups)
+            if not self._drop_failed():
+                break
+            ahead = {}
+        for leaf, groups in ahead.values():
+            for g, (before, after) in enumerate(zip(leaf.state, groups, strict=True)):
+                if not _is_same(before, after):
+                    leaf.state[g] = after
+                    self._forget(self._dependents.get((leaf, g), ()))
+
+    def _updated(self, leaf: Leaf, law: Law, groups: Sequence[list[Number]]) -> list[list[Number]]:
+        """State of a system after one of its updates."""
+        sizes = [len(group) for group in groups]
+
+        def carried_out(context: RowsContext) -> list[Number]:
+            values = DiscreteValues([context.taken(group) for group in groups])
+            law(leaf.system, context, values)
+            return [number for group in values.groups for number in group.numbers]
+
+        numbers = self._carried_out(leaf, carried_out, sum(sizes))
+        after, begin = [], 0
+        for size in sizes:
+            after.append(numbers[begin : begin + size])
+            begin += size
+        return after
+
+    def calculated(self, leaf: Leaf, law: Law, size: int) -> list[Number]:
+        """Numbers of all rows at an output of a system."""
+
+        def carried_out(context: RowsContext) -> list[Number]:
+            output = zeros_for(size)
+            law(leaf.system, context, output)
+            return output.numbers
+
+        return self._carried_out(leaf, carried_out, size)
+
+    def _carried_out(self, leaf: Leaf, law: Any, size: int) -> list[Number]:
+        def of_one(position: int) -> list[Number]:
+            self.one_by_one.add(leaf.name)
+            try:
+                numbers: list[Number] = law(RowsContext(leaf, position))
+            except Exception as error:
+                self._failed[position] = error
+                numbers = [math.nan] * size
+            return numbers
+
+        if self.rows.size == 1:
+            return of_one(0)
+        parts = list(in_parts(lambda index: law(RowsContext(leaf, index)), of_one, self.rows.size))
+        return parts[0][1] if len(parts) == 1 else merged(parts, self.rows.size)
+
+    def _forget(self, dependents: Iterable[tuple[Leaf, int, bool]]) -> None:
+        for leaf, index, is_output in dependents:
+            if is_output:
+                leaf.outputs[index] = None
+            else:
+                leaf.caches.clear()
+
+    def _drop_failed(self) -> bool:
+        """Ends rows that have failed; true if there were any, and what was calculated is void."""
+        if not self._failed:
+            return False
+        for position, error in self._failed.items():
+            self.errors[int(self.rows[position])] = error
+        self.drop(list(self._failed))
+        self._failed.clear()
+        return True
+
+    def drop(self, positions: Sequence[int]) -> None:
+        """Ends rows, the others go on.
+
+        Args:
+            positions: their positions among those that go on.
+        """
+        going_on = np.ones(self.rows.size, dtype=bool)
+        going_on[list(positions)] = False
+        kept = np.flatnonzero(going_on)
+        self.rows = self.rows[kept]
+        for leaf in self._leaves:
+            leaf.state = [_kept(group, kept) for group in leaf.state]
+            leaf.parameters = [_kept(group, kept) for group in leaf.parameters]
+            leaf.fixed = {i: _kept(numbers, kept) for i, numbers in leaf.fixed.items()}
+            leaf.abstract = [[values[i] for i in kept] for values in leaf.abstract]
+            leaf.contexts = [leaf.contexts[i] for i in kept] if leaf.contexts else []
+            leaf.outputs = [None] * len(leaf.outputs)
+            leaf.caches.clear()
+
+    def _gather(self, contexts: Iterable[Context]) -> int:
+        """Reads the rows' contexts; returns their number."""
+        columns: list[list[list[list[float]]]] = []
+        count = 0
+        for root in contexts:
+            for i, leaf in enumerate(self._leaves):
+                own: Any = leaf.system.GetMyContextFromRoot(root)
+                if count == 0:
+                    columns.append([])
+                    self.time = root.get_time()
+                    leaf.abstract = [[] for _ in range(own.num_abstract_parameters())]
+                fixed = [
+                    k
+                    for k, source in enumerate(leaf.sources)
+                    if source is None and leaf.system.get_input_port(k).HasValue(own)
+                ]
+                groups = [
+                    own.get_discrete_state(k).value().tolist()
+                    for k in range(own.num_discrete_state_groups())
+                ]
+                groups += [
+                    own.get_numeric_parameter(k).CopyToVector().tolist()
+                    for k in range(own.num_numeric_parameter_groups())
+                ]
+                groups += [leaf.system.get_input_port(k).Eval(own).tolist() for k in fixed]
+                columns[i].append(groups)
+                for k, values in enumerate(leaf.abstract):
+                    values.append(own.get_abstract_parameter(k).Clone())
+                if leaf.laws.needs_contexts:
+                    context = leaf.system.CreateDefaultContext()
+                    context.SetTimeStateAndParametersFrom(own)
+                    leaf.contexts.append(context)
+                if count == 0:
+                    leaf.state = [[] for _ in range(own.num_discrete_state_groups())]
+                    leaf.parameters = [[] for _ in range(own.num_numeric_parameter_groups())]
+                    leaf.fixed = {k: [] for k in fixed}
+            count += 1
+        for leaf, rows in zip(self._leaves, columns, strict=True):
+            numbers = [_numbers(group) for group in zip(*rows, strict=True)]
+            ends = len(leaf.state), len(leaf.state) + len(leaf.parameters)
+            leaf.state, leaf.parameters = numbers[: ends[0]], numbers[ends[0] : ends[1]]
+            leaf.fixed = dict(zip(leaf.fixed, numbers[ends[1] :], strict=True))
+        return count
+
+
+def _numbers(rows: Sequence[Sequence[float]]) -> list[Number]:
+    """Numbers of a vector of which each row has one."""
+    matrix = np.array(rows, dtype=float)
+    numbers: list[Number] = []
+    for column in matrix.T:
+        words = column.view(np.uint64) if column.flags.contiguous else column.copy().view("u8")
+        same = bool((words == words[0]).all())
+        numbers.append(float(column[0]) if same else Rows(column.copy()))
+    return numbers
+
+
+def _kept(numbers: Sequence[Number], kept: NDArray[np.intp]) -> list[Number]:
+    return [Rows(x.values[kept]) if type(x) is Rows else x for x in numbers]
+
+
+def _is_same(before: Sequence[Number], after: Sequence[Number]) -> bool:
+    """Whether numbers have not changed, as far as a glance tells."""
+    return all(
+        x is y or (type(x) is float and type(y) is float and x == y and x != 0.0)
+        for x, y in zip(before, after, strict=True)
+    )
+
+
+def _next_time(period: float, offset: float, now: float) -> float:
+    """The first instant of a sampled event after now, as Drake reckons it [s]."""
+    if now < offset:
+        return offset
+    k = math.ceil((now - offset) / period)
+    following = offset + k * period
+    return following if following > now else offset + (k + 1) * period
+
+
+def _is_due(period: float, offset: float, now: float) -> bool:
+    """Whether an event takes place now: the next one after the moment before."""
+    return now >= offset and _next_time(period, offset, math.nextafter(now, -math.inf)) == now
+
+
+def _dependents_of(leaves: Sequence[Leaf]) -> dict[Any, list[tuple[Leaf, int, bool]]]:
+    """By what may change (time, or a system's group of state), the results that depend on it."""
+    roots: dict[tuple[int, int, bool], set[Any]] = {}
+
+    def origins(leaf: Leaf, index: int, is_output: bool) -> set[Any]:
+        key = id(leaf), index, is_output
+        if key not in roots:
+            roots[key] = set()  # no algebraic loops
+            output = leaf.laws.outputs[index] if is_output else leaf.laws.caches[index]
+            roots[key] = origins_of(leaf, output)
+        return roots[key]
+
+    def origins_of(leaf: Leaf, output: Output) -> set[Any]:
+        if output.law is None:
+            return {(leaf, output.group)}
+        found: set[Any] = set()
+        for ticket in output.tickets:
+            found |= of_ticket(leaf, ticket)
+        return found
+
+    def of_ticket(leaf: Leaf, ticket: int) -> set[Any]:
+        system, groups = leaf.system, len(leaf.state)
+        for k, source in enumerate(leaf.sources):
+            if int(system.get_input_port(k).ticket()) == ticket:
+                return origins(*source, True) if source is not None else set()
+        for index in leaf.laws.caches:
+            if int(system.get_cache_entry(CacheIndex(index)).ticket()) == ticket:
+                return origins(leaf, index, False)
+        if ticket in (int(system.nothing_ticket()), *_parameters(system, leaf)):
+            return set()
+        if ticket == int(system.time_ticket()):
+            return {_TIME}
+        for group in range(groups):
+            if ticket == int(system.discrete_state_ticket(DiscreteStateIndex(group))):
+                return {(leaf, group)}
+        everything = {(leaf, group) for group in range(groups)}
+        if ticket in (int(system.xd_ticket()), int(system.all_state_ticket())):
+            return everything
+        inputs: set[Any] = set()
+        for source in leaf.sources:
+            if source is not None:
+                inputs |= origins(*source, True)
+        if ticket == int(system.all_input_ports_ticket()):
+            return inputs
+        return everything | inputs | {_TIME}
+
+    dependents: dict[Any, list[tuple[Leaf, int, bool]]] = {}
+    for leaf in leaves:
+        nodes = [(index, True) for index in range(len(leaf.laws.outputs))]
+        nodes += [(index, False) for index in leaf.laws.caches]
+        for index, is_output in nodes:
+            for root in origins(leaf, index, is_output):
+                dependents.setdefault(root, []).append((leaf, index, is_output))
+    return dependents
+
+
+def _parameters(system: Any, leaf: Leaf) -> list[int]:
+    """Tickets of parameters, which never change in a simulation."""
+    tickets = [system.all_parameters_ticket(), system.pn_ticket(), system.pa_ticket()]
+    tickets += [
+        system.numeric_parameter_ticket(NumericParameterIndex(k))
+        for k in range(len(leaf.parameters))
+    ]
+    return [int(ticket) for ticket in tickets]
