@@ -36,9 +36,8 @@ from parapod.systems.core.rows import Number, Rows, in_parts, matrix_of, merged
 
 type Floats = NDArray[np.float64]
 
-# Samples that a signal's memory grows by.
-_CHUNK = 256
-_ALL = "all sources"
+# Samples by which the memory of a signal grows.
+CHUNK = 256
 _TIME = "time"
 
 
@@ -119,11 +118,11 @@ class Signal:
         last = self._pieces[-1] if self._pieces else None
         if (
             last is None
-            or last[2] == _CHUNK
+            or last[2] == CHUNK
             or (last[1] is None) is differ
             or (differ and last[1] is not rows)
         ):
-            shape = (_CHUNK, self._size, rows.size) if differ else (_CHUNK, self._size)
+            shape = (CHUNK, self._size, rows.size) if differ else (CHUNK, self._size)
             last = np.empty(shape), rows if differ else None, 0
             self._pieces.append(last)
         piece, of, count = last

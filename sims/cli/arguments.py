@@ -95,6 +95,17 @@ def count(text: str) -> int:
     return int(text)
 
 
+def rows(text: str) -> int | None:
+    """A number of runs that are simulated together, or None for auto, for `type=`."""
+    if text == "auto":
+        return None
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(
+            f"must be auto, or a whole number of 0 or more, not {quoted(text)}"
+        )
+    return int(text)
+
+
 def finite(text: str) -> float:
     """A number that is finite, for `type=`."""
     try:

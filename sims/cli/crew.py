@@ -3,7 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from parapod.sims.cli.arguments import UsageError, add_print_options, count
 
@@ -58,13 +58,16 @@ def check_crew_options(arguments: argparse.Namespace) -> None:
         check_path(arguments.out)
 
 
-def carry_out(work: "Study | Search", arguments: argparse.Namespace, what: str) -> "Records":
+def carry_out(
+    work: "Study | Search", arguments: argparse.Namespace, what: str, **settings: Any
+) -> "Records":
     """Carries out a study or a search; says what its file has where that comes to no end.
 
     Args:
         work: the study or search.
         arguments: arguments of a command with `add_crew_options`.
         what: pieces of the work, such as "runs".
+        settings: further ones of its `carry_out`.
     """
     from rich.console import Console
 
@@ -74,7 +77,7 @@ def carry_out(work: "Study | Search", arguments: argparse.Namespace, what: str) 
     try:
         with _crew(arguments) as crew:
             console = Console(stderr=True)
-            work.carry_out(crew, records, console, arguments.out, arguments.resume)
+            work.carry_out(crew, records, console, arguments.out, arguments.resume, **settings)
         is_over = True
     finally:
         if not is_over and arguments.out is not None and records.done.any():

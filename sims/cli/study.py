@@ -14,6 +14,7 @@ from parapod.sims.cli.arguments import (
     count,
     load,
     print_of,
+    rows,
 )
 from parapod.sims.cli.crew import add_crew_options, carry_out, check_crew_options
 
@@ -64,6 +65,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampling-seed", type=int, default=0, metavar="N", help="seed of the sampling; default 0"
     )
+    parser.add_argument(
+        "--rows",
+        type=rows,
+        metavar="N",
+        help="simulate up to N runs together, as rows of the same arithmetic; 0: each alone; "
+        "default auto: as many as are fast, within 256 MiB a worker",
+    )
     add_crew_options(parser, "runs")
     for option, what in _OUTPUTS.items():
         parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
@@ -93,7 +101,7 @@ def execute(arguments: argparse.Namespace) -> int:
         arguments.runs,
         arguments.sampling_seed,
     )
-    records = carry_out(study, arguments, "runs")
+    records = carry_out(study, arguments, "runs", rows=arguments.rows)
     return _show(StudyResult(study, records), arguments)
 
 

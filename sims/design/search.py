@@ -22,7 +22,7 @@ from parapod.sims.design.goals import Goal, Hold, check_names
 from parapod.sims.design.optimisers import minimise
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.work import Crew
+from parapod.sims.lab.work import Crew, on_each
 from parapod.sims.output.results import Metric
 from parapod.sims.sheet.sheet import AnySheet, find_sheet
 from parapod.sims.study.campaign import campaign
@@ -238,7 +238,7 @@ class Search:
             AnotherVersion: a worker has other software.
             MissingExtra: several objectives need pymoo, which is not installed.
         """
-        work = partial(evaluate, self.order)
+        work = partial(on_each, partial(evaluate, self.order))
         file = None if path is None else (path, self.as_json(), resume)
         with campaign("designs", work, crew, records, console, file) as work_out:
             numbers = itertools.count()

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -22,27 +21,22 @@ class Run(Recording):
 
     Attributes:
         loop: the closed loop that was built for it.
-        simulator: the simulator at the end of the run.
+        context: root context at the end of the run; None where it was a row among others.
         elapsed: wall-clock time of the simulation [s].
         panel: the page on which it was shown, or None.
         again: carries it out once more, in real time where it was shown.
     """
 
     loop: ClosedLoop[Any]
-    simulator: Simulator
+    context: Any
     elapsed: float
     panel: Panel | None
     again: Callable[[], float]
 
     @property
-    def context(self) -> Context:
-        """Root context at the end of the run."""
-        return self.simulator.get_context()
-
-    @property
     def realtime_factor(self) -> float:
         """Simulated time by wall-clock time."""
-        return self.context.get_time() / self.elapsed
+        return float(self.time[-1]) / self.elapsed
 
 
 def realtime_metric(*runs: Run) -> Metric:

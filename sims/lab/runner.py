@@ -29,6 +29,7 @@ from parapod.sims.output.atomic import atomic_output
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import progress
 from parapod.sims.output.scene_page import write_page
+from parapod.sims.output.together import Wish
 from parapod.systems.core.controls import shown
 from parapod.systems.core.errors import MissingExtra, OutputError, ParapodError, WiringError
 from parapod.systems.core.ports import value_of
@@ -230,6 +231,19 @@ class Runner:
         closed_loop.require(signals_needed)
         if options.graphviz is not None:
             write_graphviz(options.graphviz, BlockDiagram(closed_loop))
+        if reset_to is not None and monitor is None and options.together is not None:
+            wish = Wish((structure, log), closed_loop, reset_to, duration)
+            if (granted := options.together.simulate(wish)) is not None:
+                return Run(
+                    granted.recording.time,
+                    granted.recording.signals,
+                    granted.recording.units,
+                    closed_loop,
+                    None,
+                    granted.elapsed,
+                    None,
+                    lambda: granted.elapsed,
+                )
         simulator = Simulator(closed_loop)
 
         def again() -> float:
@@ -274,7 +288,7 @@ class Runner:
             recorded.signals,
             recorded.units,
             closed_loop,
-            simulator,
+            simulator.get_context(),
             elapsed,
             panel,
             again,

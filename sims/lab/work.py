@@ -31,6 +31,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.rows import LIBRARY_FUNCTIONS
 
 # Duration of what a worker is sent at once, and its largest number of pieces: those of some
 # milliseconds would otherwise wait for messages [s].
@@ -102,6 +103,9 @@ class LocalCrew(Crew):
         # Drake asks for many small blocks of memory: with room for more of them in each thread's
         # cache its multibody plants take a sixth less time. The C library of Linux reads this.
         os.environ.setdefault("GLIBC_TUNABLES", "glibc.malloc.tcache_count=200")
+        # Many runs at once call the C library's functions by NumPy, if it lets them.
+        for name, value in LIBRARY_FUNCTIONS.items():
+            os.environ.setdefault(name, value)
         # They end when our end is closed, which the kernel does for a program that is killed.
         self._theirs, self._ours = multiprocessing.Pipe(duplex=False)
         size = size or os.cpu_count() or 1
@@ -149,14 +153,33 @@ def _begin_worker(theirs: Connection) -> None:
 def carry_out[T, R](
     crew: Crew, work: Callable[[T], R], pieces: Iterable[T]
 ) -> Iterator[tuple[int, R | WorkerDied]]:
+    """Carries out pieces of work, each alone: see `carry_out_parcels`.
+
+    Args:
+        crew: carries them out.
+        work: function of a piece, which can be pickled; what it raises ends the work.
+        pieces: the pieces, which are taken as they are needed.
+    """
+    return carry_out_parcels(crew, partial(on_each, work), pieces)
+
+
+def on_each[T, R](work: Callable[[T], R], pieces: Sequence[T]) -> list[R]:
+    """Results of the work on each piece of a parcel."""
+    return [work(piece) for piece in pieces]
+
+
+def carry_out_parcels[T, R](
+    crew: Crew, work: Callable[[Sequence[T]], Sequence[R]], pieces: Iterable[T], size: int = 0
+) -> Iterator[tuple[int, R | WorkerDied]]:
     """Carries out pieces of work.
 
     What is yielded is done; if the generator is closed, what is not done is given up.
 
     Args:
         crew: carries them out.
-        work: function of a piece, which can be pickled; what it raises ends the work.
+        work: function of a parcel of pieces, which can be pickled; what it raises ends the work.
         pieces: the pieces, which are taken as they are needed.
+        size: number of pieces in a parcel; 0: as many as its duration asks for.
 
     Yields:
         Number of the piece and its result, in the order in which they are done; an error as the
@@ -170,7 +193,7 @@ def carry_out[T, R](
     doubtful: deque[tuple[int, T]] = deque()
     restarts: dict[int, int] = {}
     running: dict[Future[Any], list[tuple[int, T]]] = {}
-    parcels = _Parcels()
+    parcels = _Parcels(size)
     try:
         while True:
             if doubtful and not running:
@@ -221,11 +244,13 @@ _DIED = "the process that carried it out died (killed, out of memory, or a crash
 class _Parcels:
     """Parcels of pieces, as large as their duration asks for."""
 
-    def __init__(self) -> None:
-        self._size = 1
+    def __init__(self, size: int = 0):
+        self._size, self._is_set = size or 1, bool(size)
 
     def learn(self, count: int, seconds: float) -> None:
         """Notes how long a parcel took [s]."""
+        if self._is_set:
+            return
         fitting = int(_PARCEL * count / max(seconds, 1e-9))
         # At most twice as many at a time: the first may be slower for what they import.
         self._size = max(1, min(fitting, 2 * self._size, _MOST_IN_PARCEL))
@@ -236,7 +261,7 @@ class _Parcels:
 
 
 def _send(
-    crew: Crew, work: Callable[[Any], Any], parcel: Sequence[tuple[int, Any]]
+    crew: Crew, work: Callable[[Sequence[Any]], Any], parcel: Sequence[tuple[int, Any]]
 ) -> Future[Any]:
     try:
         return crew.executor.submit(partial(_carry_out, work), [piece for _, piece in parcel])
@@ -248,8 +273,10 @@ def _send(
         raise NoWorkers(f"the executor takes no more work: {error}") from error
 
 
-def _carry_out(work: Callable[[Any], Any], pieces: Sequence[Any]) -> tuple[list[Any], float]:
+def _carry_out(
+    work: Callable[[Sequence[Any]], Sequence[Any]], pieces: Sequence[Any]
+) -> tuple[Sequence[Any], float]:
     """In a worker: results of a parcel and the time that they took [s]."""
     started = time.perf_counter()
-    results = [work(piece) for piece in pieces]
+    results = work(pieces)
     return results, time.perf_counter() - started

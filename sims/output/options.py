@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.sims.output.together import Together
 
 
 class Loops:
@@ -47,6 +48,7 @@ class RunOptions:
         console: console for progress and remarks.
         loops: closed loops of earlier runs, which serve scenarios of the same structure; None:
             each run builds its own.
+        together: runs with which it may be simulated; None: it is simulated alone.
     """
 
     meshcat: bool = False
@@ -56,3 +58,4 @@ class RunOptions:
     graphviz: Path | None = None
     console: Console = field(default_factory=partial(Console, stderr=True))
     loops: Loops | None = None
+    together: Together | None = None

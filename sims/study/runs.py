@@ -6,8 +6,9 @@ import hashlib
 import importlib
 import io
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from socket import gethostname
@@ -20,6 +21,7 @@ from parapod.sims.lab.discovery import Entry, UnknownExperiment, find_entry
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.output.options import Loops, RunOptions
 from parapod.sims.output.results import Metric
+from parapod.sims.output.together import Together
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import printable
 from parapod.systems.core.schema import Reader, build
@@ -116,22 +118,35 @@ class Outcome:
     error: str = ""
 
 
-def carry_out_run(order: Order, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
-    """Carries out a run; what it refuses and where it fails is its outcome too.
+type Piece = tuple[int, tuple[Any, ...]]
+
+
+def carry_out_runs(order: Order, rows: int | None, pieces: Sequence[Piece]) -> list[Outcome]:
+    """Carries out runs; what one refuses and where it fails is its outcome too.
 
     Args:
         order: facts that all runs share.
-        piece: number of the run, and the values of its variables.
+        rows: largest number of runs that are simulated together; None: as many as are fast.
+        pieces: number of each run, and the values of its variables.
 
     Raises:
         AnotherVersion: the software here is not that of the order.
     """
-    run, values = piece
     shop = open_shop(order)
+    together = Together(rows)
+    options = replace(shop.options, together=together)
+    works = [partial(_carried_out, order, shop.experiment, options, piece) for piece in pieces]
+    return list(together.carry_out(works))
+
+
+def _carried_out(
+    order: Order, experiment: Experiment[Any, Any], options: RunOptions, piece: Piece
+) -> Outcome:
+    run, values = piece
 
     def work() -> tuple[Metric, ...]:
-        scenario = order.scenario(shop.experiment.schema, values)
-        result = shop.experiment.execute(scenario, shop.options)
+        scenario = order.scenario(experiment.schema, values)
+        result = experiment.execute(scenario, options)
         return tuple(metric for metric in result.metrics if not metric.is_timing)
 
     return outcome_of(run, work)

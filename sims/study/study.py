@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,14 +15,15 @@ from rich.console import Console
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.work import Crew
+from parapod.sims.output.together import MOST_ROWS
 from parapod.sims.study.campaign import campaign
 from parapod.sims.study.records import Records
-from parapod.sims.study.runs import Order, Software, carry_out_run
+from parapod.sims.study.runs import Order, Software, carry_out_runs
 from parapod.sims.study.sampling import Sampling
 from parapod.sims.study.variables import Variable, read_variables
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import inline, load_scenario
-from parapod.systems.core.schema import TAG, checked
+from parapod.systems.core.schema import checked, differing
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Study:
     def command(self, run: int) -> str:
         """Shell command that repeats a run alone."""
         default = checked(load_scenario(self.schema, self.entry.default_scenario))
-        changed = dict(_differing(default, self.order.tree))
+        changed = dict(differing(default, self.order.tree))
         values = self.sampling.values(run)
         values_by_key = dict(zip(self.order.keys, values, strict=True))
         # Of a part that differs whole, the variables' own keys come last and win.
@@ -127,6 +128,7 @@ class Study:
         console: Console,
         path: Path | None = None,
         resume: bool = False,
+        rows: int | None = None,
     ) -> None:
         """Carries out what a file does not have yet.
 
@@ -136,15 +138,19 @@ class Study:
             console: console for progress.
             path: the table that is written, *.parquet; None for none.
             resume: true to go on with an existing one.
+            rows: largest number of runs that are simulated together, as rows; 0: each alone; None:
+                as many as are fast, where there are laws over rows.
 
         Raises:
             OutputError: the file cannot be written, or is not to be gone on with.
             NoWorkers: nothing carries out anything any more; what is done is in the file.
             AnotherVersion: a worker has other software.
         """
-        work = partial(carry_out_run, self.order)
+        admitted = self._takes_rows() if rows is None else rows > 0
+        most = (rows or MOST_ROWS) if admitted else 1
+        work = partial(carry_out_runs, self.order, rows if admitted else 1)
         file = None if path is None else (path, self.as_json(), resume)
-        with campaign(self.entry.name, work, crew, records, console, file) as work_out:
+        with campaign(self.entry.name, work, crew, records, console, file, most) as work_out:
             work_out(self._in_order(np.flatnonzero(~records.done)))
 
     def _in_order(self, runs: NDArray[np.int_]) -> list[int]:
@@ -157,6 +163,14 @@ class Study:
         ordered: list[int] = (runs[np.lexsort(codes)] if codes else runs).tolist()
         return ordered
 
+    def _takes_rows(self) -> bool:
+        """Whether runs can be simulated together."""
+        experiment = self.entry.load()
+        if not isinstance(experiment, LoopExperiment):
+            return False
+        scenario = self.order.scenario(experiment.schema, self.sampling.values(0))
+        return experiment.takes_rows(scenario)
+
     def _is_built_in(self, variable: Variable) -> bool:
         """Whether loops of its values are of different structures."""
         experiment = self.entry.load()
@@ -168,15 +182,3 @@ class Study:
             scenario = order.scenario(experiment.schema, (value,))
             structures.add(experiment.structure(scenario))
         return len(structures) > 1
-
-
-def _differing(default: Any, tree: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values in which a scenario is not the default one."""
-    are_alike = (
-        isinstance(default, dict) and isinstance(tree, dict) and default.keys() == tree.keys()
-    )
-    if are_alike and default.get(TAG) == tree.get(TAG):
-        for name, value in tree.items():
-            yield from _differing(default[name], value, f"{key}.{name}" if key else name)
-    elif default != tree:
-        yield key, tree

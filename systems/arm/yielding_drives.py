@@ -71,4 +71,4 @@ def yielded_on(
     if not any(quaternion):
         return tuple(position)
     gravity = Axes.from_quaternion(quaternion).components((0.0, 0.0, -GRAVITY))
-    return tuple(map(float, arm.bearing(payload).yielded(position, gravity)))
+    return arm.bearing(payload).yielded(position, gravity)

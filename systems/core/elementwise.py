@@ -7,11 +7,12 @@ warning, which a caller who expects NaN silences with `nan_without_warning`), in
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from parapod.systems.core.rows import Mask, Rows, by_library, flags_of
+from parapod.systems.core.rows import Mask, Rows, by_library, flags_of, matrix_of
 
 # A float, a number of each row, an array of floats, or an AutoDiffXd (or an object array of them).
 type Elementwise = Any
@@ -48,6 +49,13 @@ def sin_cos(x: Elementwise) -> tuple[Elementwise, Elementwise]:
     if type(x) is Rows:
         return x.sin(), x.cos()
     return np.sin(x), np.cos(x)
+
+
+def sin(x: Elementwise) -> Elementwise:
+    """Sine of an angle, which is finite."""
+    if type(x) is float:
+        return math.sin(x)
+    return x.sin() if type(x) is Rows else np.sin(x)
 
 
 def asin(x: Elementwise) -> Elementwise:
@@ -127,11 +135,33 @@ def greatest(x: Elementwise, y: Elementwise) -> Elementwise:
     return where(y > x, y, x)
 
 
+def first_least(numbers: Sequence[Elementwise]) -> tuple[Any, ...]:
+    """Answers, one of which is yes: that of the first of the smallest of several numbers."""
+    if not any(type(number) is Rows for number in numbers):
+        least_at = numbers.index(min(numbers))
+        return tuple(i == least_at for i in range(len(numbers)))
+    size = next(number.values.size for number in numbers if type(number) is Rows)
+    at = np.argmin(matrix_of(numbers, size), axis=0)
+    return tuple(Mask(np.equal(at, i)) for i in range(len(numbers)))
+
+
 def both(x: Any, y: Any) -> Any:
     """Whether two answers are yes, of all or of each row."""
     if type(x) is Mask or type(y) is Mask:
         return Mask(np.logical_and(flags_of(x), flags_of(y)))
     return x and y
+
+
+def either(x: Any, y: Any) -> Any:
+    """Whether one of two answers is yes, of all or of each row."""
+    if type(x) is Mask or type(y) is Mask:
+        return Mask(np.logical_or(flags_of(x), flags_of(y)))
+    return x or y
+
+
+def negated(x: Any) -> Any:
+    """The opposite answer, of all or of each row."""
+    return ~x if type(x) is Mask else not x
 
 
 def clamp(x: Elementwise, low: Elementwise, high: Elementwise) -> Elementwise:

@@ -241,6 +241,18 @@ class DiscreteValues:
 
     get_mutable_vector = get_vector
 
+    def __getitem__(self, index: int) -> Number:
+        """A number of the only group."""
+        return self.groups[0][index]
+
+    def __setitem__(self, index: int, value: Any) -> None:
+        """Sets a number of the only group."""
+        self.groups[0][index] = value
+
+    def size(self) -> int:
+        """Number of elements of the only group."""
+        return len(self.groups[0])
+
     def value(self, index: int = 0) -> NDArray[Any]:
         """Numbers of a group."""
         return self.groups[index].value()

@@ -1,9 +1,18 @@
 """Rotations as quaternions (w, x, y, z), in plain numbers."""
 
-import math
 from collections.abc import Sequence
+from functools import reduce
 
-from parapod.systems.core.elementwise import sin_cos
+from parapod.systems.core.elementwise import (
+    atan2,
+    copysign,
+    greatest,
+    hypot,
+    quotient,
+    sin_cos,
+    sqrt,
+    where,
+)
 
 type Quaternion = tuple[float, float, float, float]
 type Vector3 = tuple[float, float, float]
@@ -22,10 +31,11 @@ def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
 
 def of_turn(turn: Sequence[float]) -> Quaternion:
     """Quaternion of a rotation vector [rad]."""
-    angle = math.hypot(*turn)
-    share = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
+    angle = hypot(*turn)
+    sine, cosine = sin_cos(0.5 * angle)
+    share = where(angle > 0.0, quotient(sine, angle), 0.5)
     x, y, z = (share * part for part in turn)
-    return math.cos(0.5 * angle), x, y, z
+    return cosine, x, y, z
 
 
 def of_angles(roll: float, pitch: float, yaw: float) -> Quaternion:
@@ -46,8 +56,8 @@ def of_axes(axes: Sequence[Sequence[float]]) -> Quaternion:
     """
     (a, d, g), (b, e, h), (c, f, i) = axes
     squares = (a + e + i, a - e - i, e - a - i, i - a - e)
-    largest = max(squares)
-    twice = math.sqrt(1.0 + largest)
+    largest = reduce(greatest, squares)
+    twice = sqrt(1.0 + largest)
     by, half = 0.5 / twice, 0.5 * twice
     if largest == squares[0]:
         return half, (h - f) * by, (c - g) * by, (d - b) * by
@@ -62,8 +72,8 @@ def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:
     """Rotation vector [rad], in the axes that do not turn, from one rotation to another."""
     w, x, y, z = start
     cosine, *sines = product(end, (w, -x, -y, -z))
-    sine = math.hypot(*sines)
+    sine = hypot(*sines)
     # Quaternions of opposite signs are the same rotation.
-    factor = 2.0 * math.atan2(sine, abs(cosine)) / sine if sine else 2.0
-    factor = math.copysign(factor, cosine)
+    factor = where(sine == 0.0, 2.0, quotient(2.0 * atan2(sine, abs(cosine)), sine))
+    factor = copysign(factor, cosine)
     return sines[0] * factor, sines[1] * factor, sines[2] * factor

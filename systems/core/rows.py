@@ -162,7 +162,7 @@ class Rows:
     def __round__(self, digits: int | None = None) -> "Rows":
         if digits is not None:
             raise TypeError("rows are rounded to whole numbers only")
-        return Rows(np.round(self.values))
+        return Rows(np.round(self.values) + 0.0)  # zero has no sign, as that of an int
 
     def __floor__(self) -> "Rows":
         return Rows(np.floor(self.values))

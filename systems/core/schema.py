@@ -275,6 +275,24 @@ def build(kind: Any, tree: Any) -> Any:
     return whole
 
 
+def differing(default: Any, tree: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values in which a scenario is not another one.
+
+    Args:
+        default: the other one, as plain data.
+        tree: the scenario, as plain data.
+        key: key of both.
+    """
+    are_alike = (
+        isinstance(default, dict) and isinstance(tree, dict) and default.keys() == tree.keys()
+    )
+    if are_alike and default.get(TAG) == tree.get(TAG):
+        for name, value in tree.items():
+            yield from differing(default[name], value, f"{key}.{name}" if key else name)
+    elif default != tree:
+        yield key, tree
+
+
 @functools.cache
 def fields_of(kind: type) -> dict[str, tuple[Any, Rule]]:
     """Kind and rule of each field of a dataclass, by its name."""

@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.core import quaternions
-from parapod.systems.core.elementwise import Elementwise, sin_cos
+from parapod.systems.core.elementwise import (
+    Elementwise,
+    asin,
+    atan2,
+    hypot,
+    is_finite,
+    sin_cos,
+    sqrt,
+    where,
+)
 
 type Vector3 = tuple[float, float, float]
 
@@ -46,19 +55,15 @@ class Axes(NamedTuple):
     @classmethod
     def from_roll_pitch_yaw(cls, roll: float, pitch: float, yaw: float) -> "Axes":
         """Axes of a body with R = R_z(yaw) R_y(pitch) R_x(roll); NaN for infinite angles."""
-        if not math.isfinite(roll + pitch + yaw):
+        if not is_finite(roll + pitch + yaw):
             return cls(_UNKNOWN, _UNKNOWN, _UNKNOWN)
         return cls(*rotation_columns(roll, pitch, yaw))
 
     def roll_pitch_yaw(self) -> Vector3:
         """Angles of R = R_z(yaw) R_y(pitch) R_x(roll) [rad]."""
         sine = -self.x[2]
-        pitch = math.asin(-1.0 if sine < -1.0 else 1.0 if sine > 1.0 else sine)
-        return (
-            math.atan2(self.y[2], self.z[2]),
-            pitch,
-            math.atan2(self.x[1], self.x[0]),
-        )
+        pitch = asin(where(sine < -1.0, -1.0, where(sine > 1.0, 1.0, sine)))
+        return atan2(self.y[2], self.z[2]), pitch, atan2(self.x[1], self.x[0])
 
     def in_world(self, vector: Sequence[float]) -> Vector3:
         """A vector along the body's axes, in the world."""
@@ -97,7 +102,7 @@ def turned_angles(angles: Sequence[float], turn: Sequence[float]) -> Vector3:
     """
     a, b, c = turn
     square = a * a + b * b + c * c
-    angle = math.sqrt(square)
+    angle = sqrt(square)
     if square < _SMALL:
         sine, versine = 1.0 - square / 6.0, 0.5 - square / 24.0
     else:
@@ -114,7 +119,7 @@ def turned_angles(angles: Sequence[float], turn: Sequence[float]) -> Vector3:
             )
         )
     (x_1, x_2, x_3), (_, _, y_3), (_, _, z_3) = rotated
-    return math.atan2(y_3, z_3), math.atan2(-x_3, math.hypot(x_1, x_2)), math.atan2(x_2, x_1)
+    return atan2(y_3, z_3), atan2(-x_3, hypot(x_1, x_2)), atan2(x_2, x_1)
 
 
 def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:

@@ -3,13 +3,27 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.systems.arm.serial_arm import ArmJoint, ArmLink, SerialArm
-from parapod.systems.core.elementwise import Elementwise, sin_cos
+from parapod.systems.core.elementwise import (
+    Elementwise,
+    both,
+    copysign,
+    either,
+    first_least,
+    greatest,
+    is_finite,
+    least,
+    negated,
+    sin_cos,
+    sqrt,
+    where,
+)
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import Vector3, cross, dot, minus, plus, scaled
@@ -143,7 +157,7 @@ class _Burden(NamedTuple):
         force = plus(down, self.load.force)
         moment = plus(cross(self.centre, down), self.load.moment)
         normal = dot(g, force)
-        largest = max(map(abs, (*force, *moment)))
+        largest = reduce(greatest, map(abs, (*force, *moment)))
         if not (normal < 0.0 and largest < _ABSURD):  # it is lifted off, or crushed
             return (math.nan, math.nan, math.nan), math.nan
         return scaled(minus(cross(g, moment), scaled(force, h)), 1.0 / normal), -normal
@@ -198,12 +212,12 @@ def stand(
     contact = [normal_weight * share for share in shares]
     give = normal_weight / params.foot_stiffness
     sunk = [(x, y, z - give * share) for (x, y, z), share in zip(feet, shares, strict=True)]
-    carrying = _OTHERS[contact.index(min(contact))]
-    points = [sunk[i] for i in carrying]
-    rates = [scaled(slopes[i], velocity[i]) for i in carrying]
+    rates = [scaled(slope, v) for slope, v in zip(slopes, velocity, strict=True)]
     if any(foot_rates):
-        rates = [plus(v, scaled(g, foot_rates[i])) for v, i in zip(rates, carrying, strict=True)]
-    g, g_rate = _moving_normal(points, rates)
+        rates = [plus(v, scaled(g, rate)) for v, rate in zip(rates, foot_rates, strict=True)]
+    is_least = first_least(contact)
+    points = _others(is_least, sunk)
+    g, g_rate = _moving_normal(points, _others(is_least, rates))
     height = dot(g, points[0])
     roll, pitch, turning, up = _attitude(n, g, g_rate)
     return Stance(
@@ -232,7 +246,23 @@ _feet_of = Remembered(_motions)
 
 def _raised(height: float) -> float:
     """Height of a foot above the ground [m]: zero where it carries, NaN where nothing is known."""
-    return 0.0 if height <= 0.0 else height
+    return where(height <= 0.0, 0.0, height)
+
+
+def _others(is_least: Sequence[Any], vectors: list[Vector3]) -> list[Vector3]:
+    """Vectors of the three legs that are not the one which carries least."""
+    (x_1, y_1, z_1), (x_2, y_2, z_2), (x_3, y_3, z_3), (x_4, y_4, z_4) = vectors
+    is_first, is_second, _, is_fourth = is_least
+    of_first_two = either(is_first, is_second)
+    return [
+        (where(is_first, x_2, x_1), where(is_first, y_2, y_1), where(is_first, z_2, z_1)),
+        (
+            where(of_first_two, x_3, x_2),
+            where(of_first_two, y_3, y_2),
+            where(of_first_two, z_3, z_2),
+        ),
+        (where(is_fourth, x_3, x_4), where(is_fourth, y_3, y_4), where(is_fourth, z_3, z_4)),
+    ]
 
 
 # The other three legs of each.
@@ -245,7 +275,7 @@ def _moving_normal(points: list[Vector3], rates: list[Vector3]) -> tuple[Vector3
     u_1, u_2, u_3 = p_1 - q_1, p_2 - q_2, p_3 - q_3
     v_1, v_2, v_3 = p_1 - r_1, p_2 - r_2, p_3 - r_3
     n_1, n_2, n_3 = u_2 * v_3 - u_3 * v_2, u_3 * v_1 - u_1 * v_3, u_1 * v_2 - u_2 * v_1
-    by_length = math.copysign(1.0 / math.sqrt(n_1 * n_1 + n_2 * n_2 + n_3 * n_3), n_3)
+    by_length = copysign(1.0 / sqrt(n_1 * n_1 + n_2 * n_2 + n_3 * n_3), n_3)
     g_1, g_2, g_3 = g = n_1 * by_length, n_2 * by_length, n_3 * by_length
     (p_1, p_2, p_3), (q_1, q_2, q_3), (r_1, r_2, r_3) = rates
     q_1, q_2, q_3 = p_1 - q_1, p_2 - q_2, p_3 - q_3
@@ -284,7 +314,7 @@ def _carry(
     balance = w_1 * s_1 + w_2 * s_2 + w_3 * s_3
     along = (params.foot_stiffness * excess / burden.weight - balance) / squared
     shares = [s_1 + w_1 * along, s_2 + w_2 * along, s_3 + w_3 * along, w_4 * along]
-    if min(shares) >= 0.0:
+    if reduce(least, shares) >= 0.0:
         return shares, normal_force
     # One end of the shorter diagonal lifts: the one on the far side of the centre of mass.
     lifted = min(range(LEG_COUNT), key=shares.__getitem__)
@@ -410,8 +440,9 @@ def stand_on_feet_and_wheels(
     """
     state = extension, velocity, ground, arm, foot_offsets, load, foot_rates
     stance = stand(geometry, params, *state)
-    if not math.isfinite(stance.posture[2]) or (
-        min(stance.contact_force) >= 0.0 and _clearance(wheels, stance) > 0.0
+    carries = reduce(least, stance.contact_force) >= 0.0
+    if either(
+        negated(is_finite(stance.posture[2])), both(carries, _clearance(wheels, stance) > 0.0)
     ):
         return stance
     feet, slopes = _feet_of(geometry.legs, list(extension))

@@ -7,6 +7,18 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.elementwise import (
+    Elementwise,
+    atan2,
+    both,
+    greatest,
+    hypot,
+    least,
+    quotient,
+    sin,
+    sqrt,
+    where,
+)
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read
@@ -142,9 +154,9 @@ class AttitudeEstimator(LeafSystem):
         (x, y, z), count = state[:3], state[_COUNT]
         if count == 0.0:
             accel = read(self._accel, context)
-            if self._may_start(math.hypot(*accel)):
+            if self._may_start(hypot(*accel)):
                 x, y, z = accel
-        roll, pitch = math.atan2(y, z), math.atan2(-x, math.sqrt(y * y + z * z))
+        roll, pitch = atan2(y, z), atan2(-x, sqrt(y * y + z * z))
         output.SetFromVector(np.array([roll, pitch]))
 
     def _calc_gyro_bias(self, context: Context, output: BasicVector) -> None:
@@ -152,7 +164,7 @@ class AttitudeEstimator(LeafSystem):
 
     def _calc_trusted(self, context: Context, output: BasicVector) -> None:
         calm = context.get_discrete_state_vector()[_CALM]
-        output.SetFromVector(np.array([float(calm >= self.params.calm_time - 1e-9)]))
+        output.SetFromVector(np.array([where(calm >= self.params.calm_time - 1e-9, 1.0, 0.0)]))
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.array([context.get_discrete_state_vector()[_OFF]]))
@@ -165,7 +177,7 @@ class AttitudeEstimator(LeafSystem):
         accel = read(self._accel, context)
         if not _is_within(gyro, self.params.rate_limit):
             gyro = last
-        norm = math.hypot(*accel)
+        norm = hypot(*accel)
         if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
             count = _RUNNING
         tau = context.get_numeric_parameter(self._time_constant)[0]
@@ -173,31 +185,36 @@ class AttitudeEstimator(LeafSystem):
             off = self._moved_error(mean, off, _cross(accel, up), norm, tau)
         if count == _RUNNING:
             is_calm = self._is_calm(up, bias, gyro, accel, norm)
-            calm = min(calm + self.period, self.params.calm_time) if is_calm else 0.0
+            calm = where(is_calm, least(calm + self.period, self.params.calm_time), 0.0)
             self._correct(up, bias, last, gyro, accel, norm, tau)
         elif count > 0.0 or self._may_start(norm):
             count = self._average(up, bias, gyro, accel, norm, count)
         discrete_state.set_value(np.array([*up, *gyro, *bias, count, calm, *mean, off]))
 
     def _moved_error(
-        self, mean: list[float], off: float, across: list[float], norm: float, tau: float
-    ) -> float:
+        self,
+        mean: list[Elementwise],
+        off: Elementwise,
+        across: list[Elementwise],
+        norm: Elementwise,
+        tau: Elementwise,
+    ) -> Elementwise:
         """Moves the mean of e, in place, toward a sample; returns the next error."""
         gain = self.period / (self.params.mean_time + self.period)
         for i in range(3):
-            mean[i] += gain * (across[i] / norm - mean[i])
+            mean[i] = mean[i] + gain * (across[i] / norm - mean[i])
         forgotten = off * tau / (tau + self.period)
-        return max(forgotten, math.hypot(*mean))
+        return greatest(forgotten, hypot(*mean))
 
     def _average(
         self,
-        up: list[float],
-        bias: list[float],
-        gyro: list[float],
-        accel: list[float],
-        norm: float,
-        count: float,
-    ) -> float:
+        up: list[Elementwise],
+        bias: list[Elementwise],
+        gyro: list[Elementwise],
+        accel: list[Elementwise],
+        norm: Elementwise,
+        count: Elementwise,
+    ) -> Elementwise:
         """Moves the running means `up` and `bias` toward a sample; returns the new count."""
         weight = self._weight(norm) if count > 0.0 else 1.0
         count += 1.0
@@ -214,12 +231,12 @@ class AttitudeEstimator(LeafSystem):
 
     def _correct(
         self,
-        up: list[float],
-        bias: list[float],
-        last: list[float],
-        gyro: list[float],
-        accel: list[float],
-        norm: float,
+        up: list[Elementwise],
+        bias: list[Elementwise],
+        last: list[Elementwise],
+        gyro: list[Elementwise],
+        accel: list[Elementwise],
+        norm: Elementwise,
         time_constant: float,
     ) -> None:
         """One step of Mahony's filter: turns `up` and integrates `bias`, both in place."""
@@ -231,9 +248,11 @@ class AttitudeEstimator(LeafSystem):
         x = (0.5 * (last[0] + gyro[0]) - b_x) * dt
         y = (0.5 * (last[1] + gyro[1]) - b_y) * dt
         z = (0.5 * (last[2] + gyro[2]) - b_z) * dt
-        angle = math.sqrt(x * x + y * y + z * z)
-        sine = math.sin(angle) / angle if angle > 0.0 else 1.0
-        versine = 2.0 * (math.sin(0.5 * angle) / angle) ** 2 if angle > 0.0 else 0.5
+        angle = sqrt(x * x + y * y + z * z)
+        turns = angle > 0.0
+        sine = where(turns, quotient(sin(angle), angle), 1.0)
+        half = quotient(sin(0.5 * angle), angle)
+        versine = where(turns, 2.0 * (half * half), 0.5)
         w_x, w_y, w_z = v_y * z - v_z * y, v_z * x - v_x * z, v_x * y - v_y * x
         v_x += sine * w_x + versine * (w_y * z - w_z * y)
         v_y += sine * w_y + versine * (w_z * x - w_x * z)
@@ -255,53 +274,50 @@ class AttitudeEstimator(LeafSystem):
             )
             bias[:] = b_x - k_i * e_x, b_y - k_i * e_y, b_z - k_i * e_z
             self._limit(bias)
-        length = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z)
+        length = sqrt(v_x * v_x + v_y * v_y + v_z * v_z)
         if length > 0.0:
             up[0], up[1], up[2] = v_x / length, v_y / length, v_z / length
 
-    def _weight(self, norm: float) -> float:
+    def _weight(self, norm: Elementwise) -> Elementwise:
         """Trust in an accelerometer sample: 1 at gravity, 0 outside the gate and for NaN."""
         weight = 1.0 - abs(norm - self.params.gravity) / self.params.gate
-        return weight if weight > 0.0 else 0.0
+        return where(weight > 0.0, weight, 0.0)
 
     def _is_calm(
         self,
-        up: list[float],
-        bias: list[float],
-        gyro: list[float],
-        accel: list[float],
-        norm: float,
-    ) -> bool:
+        up: list[Elementwise],
+        bias: list[Elementwise],
+        gyro: list[Elementwise],
+        accel: list[Elementwise],
+        norm: Elementwise,
+    ) -> Any:
         """Whether a sample is one of a body at rest or in a slow motion; False for NaN."""
-        if not abs(norm - self.params.gravity) <= self.params.disturbance:
-            return False
-        across = math.hypot(*_cross(accel, up))
-        return across <= self.params.misfit * norm and _is_close(gyro, bias, self.params.fast)
+        is_at_rest = abs(norm - self.params.gravity) <= self.params.disturbance
+        is_upright = hypot(*_cross(accel, up)) <= self.params.misfit * norm
+        is_slow = _is_close(gyro, bias, self.params.fast)
+        return both(both(is_at_rest, is_upright), is_slow)
 
-    def _may_start(self, norm: float) -> bool:
-        return 0.5 * self.params.gravity <= norm <= 2.0 * self.params.gravity
+    def _may_start(self, norm: Elementwise) -> Any:
+        return both(0.5 * self.params.gravity <= norm, norm <= 2.0 * self.params.gravity)
 
-    def _limit(self, bias: list[float]) -> None:
+    def _limit(self, bias: list[Elementwise]) -> None:
         limit = self.params.bias_limit
         if _is_within(bias, limit):
             return
         for i in range(3):
-            if bias[i] > limit:
-                bias[i] = limit
-            elif bias[i] < -limit:
-                bias[i] = -limit
+            bias[i] = where(bias[i] > limit, limit, where(bias[i] < -limit, -limit, bias[i]))
 
 
-def _cross(a: list[float], b: list[float]) -> list[float]:
+def _cross(a: list[Elementwise], b: list[Elementwise]) -> list[Elementwise]:
     (a_x, a_y, a_z), (b_x, b_y, b_z) = a, b
     return [a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x]
 
 
-def _is_within(vector: list[float], limit: float) -> bool:
+def _is_within(vector: list[Elementwise], limit: float) -> Any:
     """Whether no component exceeds the limit either way; False for NaN."""
     x, y, z = vector
-    return abs(x) <= limit and abs(y) <= limit and abs(z) <= limit
+    return both(both(abs(x) <= limit, abs(y) <= limit), abs(z) <= limit)
 
 
-def _is_close(a: list[float], b: list[float], limit: float) -> bool:
-    return abs(a[0] - b[0]) <= limit and abs(a[1] - b[1]) <= limit and abs(a[2] - b[2]) <= limit
+def _is_close(a: list[Elementwise], b: list[Elementwise], limit: float) -> Any:
+    return _is_within([a[0] - b[0], a[1] - b[1], a[2] - b[2]], limit)

@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
     DiscreteValues,
 )
 
+from parapod.systems.core.elementwise import Elementwise, copysign, is_finite, where
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.ports import elements, has_value, read, read_or_zeros
@@ -46,7 +47,7 @@ class SensorAxis(NamedTuple):
             limit = math.floor(limit / resolution + 1e-6) * resolution
         return cls(math.sqrt(0.5 / period) * noise_density, resolution, limit)
 
-    def read(self, value: float, noise: float) -> float:
+    def read(self, value: Elementwise, noise: Elementwise) -> Elementwise:
         """The reading, in whole counts and within the limit; zero for NaN.
 
         Args:
@@ -54,9 +55,9 @@ class SensorAxis(NamedTuple):
             noise: unit Gaussian.
         """
         deviation, resolution, limit = self
-        value += deviation * noise
+        value = value + deviation * noise
         if not -limit < value < limit:
-            return 0.0 if value != value else math.copysign(limit, value)
+            return 0.0 if value != value else copysign(limit, value)
         return round(value / resolution) * resolution if resolution else value
 
 
@@ -264,9 +265,9 @@ class Imu(LeafSystem):
         if not has_value(self._noise, context):
             return [0.0] * self.NOISE_SIZE
         noise = read(self._noise, context)
-        if math.isfinite(sum(noise)):
+        if is_finite(sum(noise)):
             return noise
-        return [sample if math.isfinite(sample) else 0.0 for sample in noise]
+        return [where(is_finite(sample), sample, 0.0) for sample in noise]
 
     def _sample(
         self,

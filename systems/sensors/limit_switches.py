@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.elementwise import where
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import has_value, read
 
@@ -60,8 +61,8 @@ class LimitSwitches(LeafSystem):
         else:
             forces = [0.0] * self.legs
         switches = (
-            [d >= params.extended for d in extensions]
-            + [d <= params.retracted for d in extensions]
-            + [force >= params.contact_force for force in forces]
+            [where(d >= params.extended, 1.0, 0.0) for d in extensions]
+            + [where(d <= params.retracted, 1.0, 0.0) for d in extensions]
+            + [where(force >= params.contact_force, 1.0, 0.0) for force in forces]
         )
-        output.SetFromVector(np.array(switches, dtype=float))
+        output.SetFromVector(np.array(switches))

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.rows import Rows, array_of, by_library
 
 # Samples that are computed at once: about a second of an inertial sensor.
 _BLOCK = 128
 _KEPT_BLOCKS = 32  # for contexts of one seed that are at different times
 _KEPT_STREAMS = 16
+_KEPT_MANY = 2  # sets of seeds, one a machine
 _SAME_INSTANT = 1e-6  # [periods]
 _BELOW_ONE = math.nextafter(1.0, 0.0)
 
@@ -83,8 +85,12 @@ class NoiseSource(LeafSystem):
         return context.get_time() / self._period
 
     def _show(self, context: Context, discrete_state: DiscreteValues, number: int) -> None:
-        seed = int(context.get_numeric_parameter(self._seed)[0])
-        discrete_state.set_value(noise_sample(seed, number, self._size))
+        seed = context.get_numeric_parameter(self._seed)[0]
+        if type(seed) is Rows:
+            samples = _streams(seed.values.tobytes(), self._size).samples(number)
+            discrete_state.set_value(array_of(list(map(Rows, samples))))
+        else:
+            discrete_state.set_value(noise_sample(int(seed), number, self._size))
 
 
 def noise_sample(seed: int, number: int, size: int) -> NDArray[np.float64]:
@@ -99,21 +105,24 @@ class _Stream:
     method on two 53-bit fractions, each made of two words of the Mersenne Twister.
     """
 
-    def __init__(self, seed: int, size: int):
-        self._seed, self._size = seed, size
+    def __init__(self, seed: int, size: int, kept: int = _KEPT_BLOCKS):
+        self._seed, self._size, self._kept = seed, size, kept
         self._lock = Lock()
         self._restart()
 
     def sample(self, number: int) -> NDArray[np.float64]:
         block, row = divmod(number, _BLOCK)
+        return self.block(block)[row]
+
+    def block(self, block: int) -> NDArray[np.float64]:
         if (block_kept := self._blocks.get(block)) is not None:
-            return block_kept[row]
+            return block_kept
         with self._lock:
             if block < self._next and block not in self._blocks:
                 self._restart()
             while block >= self._next:
                 self._append()
-            return self._blocks[block][row]
+            return self._blocks[block]
 
     def _restart(self) -> None:
         # A source of Drake draws the seed of its own generator from the one that it is given.
@@ -135,8 +144,30 @@ class _Stream:
         block = numbers[:count].reshape(_BLOCK, self._size)
         block.setflags(write=False)
         self._blocks[self._next] = block
-        self._blocks.pop(self._next - _KEPT_BLOCKS, None)
+        self._blocks.pop(self._next - self._kept, None)
         self._next += 1
+
+
+class _Streams:
+    """The samples of many seeds, of which the newest block is kept."""
+
+    def __init__(self, seeds: NDArray[np.float64], size: int):
+        self._streams = [_Stream(int(seed), size, kept=1) for seed in seeds]
+        self._block: tuple[int, NDArray[np.float64]] = (-1, np.empty(0))
+
+    def samples(self, number: int) -> NDArray[np.float64]:
+        """The sample (size, seeds) of a number."""
+        block, row = divmod(number, _BLOCK)
+        if (kept := self._block)[0] != block:
+            blocks = [stream.block(block) for stream in self._streams]
+            kept = self._block = block, np.stack(blocks, axis=-1)
+        sample: NDArray[np.float64] = kept[1][row]
+        return sample
+
+
+@functools.lru_cache(maxsize=_KEPT_MANY)
+def _streams(seeds: bytes, size: int) -> _Streams:
+    return _Streams(np.frombuffer(seeds), size)
 
 
 @functools.lru_cache(maxsize=_KEPT_STREAMS)
@@ -153,8 +184,7 @@ def _normals(generator: np.random.RandomState, count: int) -> NDArray[np.float64
     squares = points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1]
     inside = (squares <= 1.0) & (squares != 0.0)
     squares = squares[inside]
-    # The C library's logarithm: numpy has others, by processor, that differ in the last bit.
-    logarithms = np.fromiter(map(math.log, squares.tolist()), np.float64, squares.size)
+    logarithms = by_library(math.log, squares)
     factors = np.sqrt(-2.0 * logarithms / squares)
     numbers: NDArray[np.float64] = points[inside][:, ::-1] * factors[:, np.newaxis]
     return numbers.ravel()

@@ -1,7 +1,6 @@
 """The experiment `chair-walk`: a walk, its bounds, and the sliders after it."""
 
 import time
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -49,8 +48,7 @@ def scenario_with(*overrides):
 def measured(scenario, signals):
     """Metrics of a walk with these signals, by key."""
     time = np.arange(len(signals["done"])) * 0.1
-    done = Mock(get_context=lambda: Mock(get_time=lambda: 1.0))
-    run = Run(time, signals, {}, None, done, 1.0, None, None)
+    run = Run(time, signals, {}, None, None, 1.0, None, None)
     return {metric.key: metric for metric in ChairWalk("chair-walk").measure(scenario, run)}
 
 

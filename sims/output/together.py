@@ -1,0 +1,193 @@
+"""Runs that are carried out together: their closed loops are simulated side by side.
+
+Each run is a function in a thread of its own, and only one of them is at work at any time. One
+that comes to a simulation waits there until all others do or are done; loops of one structure are
+then simulated as rows. So an experiment need not know of the others.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.recording import Recording
+from parapod.diagrams.side_by_side import LoopRows, bytes_of_row
+from parapod.systems.core.errors import ParapodError
+
+# Memory of the recordings of all rows that are simulated at once [B], and their largest number
+# where that is left to us: arrays of more are slower by element, as they leave the caches.
+_MEMORY = 256 * 2**20
+MOST_ROWS = 1000
+# Fewer rows than this are faster one after the other, in C++ in part.
+_FEWEST = 8
+_STACK = 2**20  # of a thread [B]
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Simulation that a run wants.
+
+    Attributes:
+        structure: all that its loop is built from; equal ones go together.
+        loop: a loop of the structure.
+        begin: the machine's scenario that it begins with.
+        duration: end of the run [s].
+    """
+
+    structure: Hashable
+    loop: ClosedLoop[Any]
+    begin: Any
+    duration: float
+
+
+@dataclass(frozen=True)
+class Granted:
+    """A simulation that has been carried out.
+
+    Attributes:
+        recording: its signals.
+        elapsed: its share of the wall-clock time [s].
+    """
+
+    recording: Recording
+    elapsed: float
+
+
+class Together:
+    """A gathering of runs.
+
+    Args:
+        rows: largest number of runs at once; None: as many as are fast, within the memory that
+            they may take.
+    """
+
+    def __init__(self, rows: int | None = None):
+        self._rows = rows
+        self._here = threading.local()
+
+    def simulate(self, wish: Wish) -> Granted | None:
+        """Called by a run: the simulation that it wants; None if it is to do it alone.
+
+        Raises:
+            Exception: the reason why the row failed.
+        """
+        guest: _Guest | None = getattr(self._here, "guest", None)
+        if guest is None:
+            return None
+        answer = guest.ask(wish)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def carry_out[R](self, works: Iterable[Callable[[], R]]) -> Iterator[R]:
+        """Carries out runs.
+
+        Args:
+            works: functions, which may call `simulate`, and must not raise.
+
+        Yields:
+            Their results, in their order.
+        """
+        waiting = iter(works)
+        while guests := self._gather(waiting):
+            while wishes := [guest for guest in guests if guest.wish is not None]:
+                for guests_alike in _alike(wishes):
+                    answers = _simulated([guest.wish for guest in guests_alike])
+                    for guest, answer in zip(guests_alike, answers, strict=True):
+                        guest.answer(answer)
+            for guest in guests:
+                yield guest.result()
+
+    def _gather[R](self, works: Iterator[Callable[[], R]]) -> "list[_Guest[R]]":
+        """Lets runs begin until there are enough of them."""
+        guests: list[_Guest[R]] = []
+        memory, most = 0, self._rows or MOST_ROWS
+        for work in works:
+            guest = _Guest(work, self._here)
+            guest.begin()
+            guests.append(guest)
+            if guest.wish is not None:
+                memory += bytes_of_row(guest.wish.loop, guest.wish.duration)
+            if len(guests) >= most or (self._rows is None and memory >= _MEMORY):
+                break
+        return guests
+
+
+class _Guest[R]:
+    """A run in a thread, which is at work only while it is asked to be."""
+
+    def __init__(self, work: Callable[[], R], here: threading.local):
+        self.wish: Wish | None = None
+        self._work, self._here = work, here
+        self._answer: Granted | Exception | None = None
+        self._results: list[R] = []
+        self._errors: list[BaseException] = []
+        self._ours, self._theirs = threading.Semaphore(0), threading.Semaphore(0)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def begin(self) -> None:
+        """Runs until the first wish, or the end."""
+        before = threading.stack_size(_STACK)
+        try:
+            self._thread.start()
+        finally:
+            threading.stack_size(before)
+        self._ours.acquire()
+
+    def ask(self, wish: Wish) -> Granted | Exception | None:
+        """Called in its thread: waits for a simulation."""
+        self.wish = wish
+        self._ours.release()
+        self._theirs.acquire()
+        return self._answer
+
+    def answer(self, answer: Granted | Exception | None) -> None:
+        """Runs on until the next wish, or the end."""
+        self.wish, self._answer = None, answer
+        self._theirs.release()
+        self._ours.acquire()
+
+    def result(self) -> R:
+        """The result, once it has come to the end."""
+        self._thread.join()
+        if self._errors:
+            raise self._errors[0]
+        return self._results.pop()
+
+    def _run(self) -> None:
+        self._here.guest = self
+        try:
+            self._results.append(self._work())
+        except BaseException as error:
+            self._errors.append(error)
+        self._ours.release()
+
+
+def _alike(guests: Sequence["_Guest[Any]"]) -> "list[list[_Guest[Any]]]":
+    """Runs whose loops are simulated together."""
+    groups: dict[Hashable, list[_Guest[Any]]] = {}
+    for guest in guests:
+        assert guest.wish is not None
+        key = guest.wish.structure, guest.wish.duration
+        groups.setdefault(key, []).append(guest)
+    return list(groups.values())
+
+
+def _simulated(wishes: Sequence[Any]) -> Iterator[Granted | Exception | None]:
+    """Answers to wishes for one structure."""
+    first = wishes[0]
+    if len(wishes) < _FEWEST:
+        yield from (None for _ in wishes)
+        return
+    started = time.perf_counter()
+    try:
+        rows = LoopRows(first.loop, [wish.begin for wish in wishes])
+        rows.advance_to(first.duration)
+    except ParapodError:  # no laws over rows
+        yield from (None for _ in wishes)
+        return
+    elapsed = (time.perf_counter() - started) / len(wishes)
+    for row in range(len(wishes)):
+        yield rows.errors.get(row) or Granted(rows.recording(row), elapsed)
