@@ -76,7 +76,9 @@ def closed_loop(
     """
     experiment = _experiment_of(scenario)
     check(scenario)
-    return loop_of(experiment, scenario, meshcat=meshcat, plant=plant, controller=controller)
+    parts = {"meshcat": meshcat, "plant": plant, "controller": controller}
+    given = {name: part for name, part in parts.items() if part is not None}
+    return loop_of(experiment, scenario, **given)
 
 
 def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:

@@ -13,9 +13,21 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from parapod.systems.core.elementwise import Elementwise, exp, log
+from parapod.systems.core.elementwise import (
+    Elementwise,
+    both,
+    clamp,
+    either,
+    exp,
+    greatest,
+    least,
+    log,
+    negated,
+    where,
+)
 from parapod.systems.core.leaf_system import LeafSystem_
-from parapod.systems.core.ports import elements, evaluated, has_value, is_safe, read
+from parapod.systems.core.ports import elements, has_value, is_safe, read, read_array
+from parapod.systems.core.rows import each
 from parapod.systems.core.templates import for_floats
 
 
@@ -113,25 +125,22 @@ class Stepper:
             load_force: force that the rod must exert to extend [N].
         """
         is_integrator, supply, nu, coulomb, low, high = self._constants
-        # As `clamp` has it.
-        voltage = (supply if voltage >= supply else voltage) if voltage > -supply else -supply
+        voltage = clamp(voltage, -supply, supply)
         force = motor_constant * voltage
         if is_integrator:
             velocity = force / nu
             position = position + velocity * self._duration
         else:
-            if load_force > 0.0:
-                extending = coulomb + self._against * load_force
-                retracting = coulomb - self._along * load_force
-            else:
-                extending = coulomb + self._along * load_force
-                retracting = coulomb - self._against * load_force
-            if velocity == 0.0 and -retracting <= force <= extending:
+            lifts = load_force > 0.0
+            extending = coulomb + where(lifts, self._against, self._along) * load_force
+            retracting = coulomb - where(lifts, self._along, self._against) * load_force
+            sticks = both(-retracting <= force, force <= extending)
+            if both(velocity == 0.0, sticks):
                 return position, velocity
             position, velocity = self._slide(position, velocity, force, extending, retracting)
-        if low < position < high:
+        if both(low < position, position < high):
             return position, velocity
-        stop = low if position <= low else high
+        stop = where(position <= low, low, high)
         return stop + 0.0 * position, 0.0 * velocity
 
     def _slide(
@@ -147,18 +156,18 @@ class Stepper:
         duration, decay = self._duration, self._decay
         if tau == 0.0:
             # Without inertia the limit speed is taken at once, or the rod does not move.
-            excess = max(0.0, force - extending) + min(0.0, force + retracting)
+            excess = greatest(0.0, force - extending) + least(0.0, force + retracting)
             return position + excess / nu * duration, excess / nu
         for _ in range(2):  # at most one change of direction
-            extends = velocity > 0.0 or (velocity == 0.0 and force > extending)
-            limit = (force - extending if extends else force + retracting) / nu
+            extends = either(velocity > 0.0, both(velocity == 0.0, force > extending))
+            limit = where(extends, force - extending, force + retracting) / nu
             end = limit + (velocity - limit) * decay
-            if end >= 0.0 if extends else end <= 0.0:
+            if either(both(extends, end >= 0.0), both(negated(extends), end <= 0.0)):
                 return position + limit * duration + (velocity - limit) * tau * (1.0 - decay), end
             time_to_stop = tau * log((limit - velocity) / limit)
             position = position + limit * time_to_stop + velocity * tau
             velocity = 0.0 * velocity
-            if -retracting <= force <= extending:
+            if both(-retracting <= force, force <= extending):
                 break
             duration = duration - time_to_stop
             decay = exp(-duration / tau)
@@ -281,20 +290,26 @@ def LinearActuator_(T: Any) -> Any:
                 voltages = [0.0] * self.channels
             loaded = has_value(self._load, context)
             loads = read(self._load, context) if loaded else [0.0] * self.channels
-            step = self._stepper.step
-            for i, voltage in enumerate(voltages):
-                load = loads[i]
-                if voltage != voltage:
-                    voltage = 0.0
-                if not -_LARGEST_LOAD < load < _LARGEST_LOAD:
-                    load = 0.0
-                positions[i], velocities[i] = step(
-                    gains[i], positions[i], velocities[i], voltage, load
-                )
+            ahead = each(self._stepped, gains, positions, velocities, voltages, loads)
+            positions, velocities = map(list, zip(*ahead, strict=True))
             output.SetFromVector(np.array(positions + velocities))
 
+        def _stepped(
+            self,
+            gain: Elementwise,
+            position: Elementwise,
+            velocity: Elementwise,
+            voltage: Elementwise,
+            load: Elementwise,
+        ) -> tuple[Elementwise, Elementwise]:
+            """An actuator a step ahead."""
+            voltage = where(voltage != voltage, 0.0, voltage)
+            is_load = both(load > -_LARGEST_LOAD, load < _LARGEST_LOAD)
+            load = where(is_load, load, 0.0)
+            return self._stepper.step(gain, position, velocity, voltage, load)
+
         def _update_state(self, context: Context, discrete_state: Any) -> None:
-            ahead = evaluated(self._next, context)
+            ahead = read_array(self._next, context)
             discrete_state.set_value(0, ahead[: self.channels])
             discrete_state.set_value(1, ahead[self.channels :])
 

@@ -12,8 +12,10 @@ from pydrake.systems.framework import (  # type: ignore[attr-defined]
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from parapod.systems.core.elementwise import Elementwise, either, where
 from parapod.systems.core.leaf_system import LeafSystem_
 from parapod.systems.core.ports import elements, has_value, is_on, read
+from parapod.systems.core.rows import each
 from parapod.systems.core.templates import for_floats
 
 
@@ -103,7 +105,7 @@ def PiController_(T: Any) -> Any:
             self._share = params.gain_share or (1.0,) * channels
             self._per_rate = params.rate_feedforward / params.gain
             self._error_limit = params.error_limit
-            self._friction, self._friction_rate = params.friction_feedforward, params.friction_rate
+            self._friction, self._fades_at = params.friction_feedforward, params.friction_rate
             n = channels
             self._desired = self.DeclareVectorInputPort("desired_state", 2 * n)
             self._measured = self.DeclareVectorInputPort("measured", n)
@@ -130,32 +132,52 @@ def PiController_(T: Any) -> Any:
             voltages = elements(context.get_discrete_state(0))
             inner = elements(context.get_discrete_state(1))
             k_p, k_v, limit = elements(context.get_numeric_parameter(self._gains))
-            k_i = k_p * self.period
             desired = read(self._desired, context)
             measured = read(self._measured, context)
-            per_rate, friction_rate = self._per_rate, self._friction_rate
-            extending, retracting = self._friction
-            for i, share in enumerate(self._share):
-                error, rate = desired[i] - measured[i], desired[n + i]
-                friction = extending if rate > 0.0 else retracting
-                feedforward = rate * (per_rate / share + friction / (abs(rate) + friction_rate))
-                direct = k_v / share * error + feedforward
-                # The difference is NaN where it is not finite.
-                if direct - direct != 0.0 or abs(error) > self._error_limit:
-                    voltages[i] = 0.0
-                    continue
-                if not inner[n + i] > 0.5:
-                    inner[i], inner[n + i] = voltages[i] - direct, 1.0
-                voltage = direct + inner[i]
-                if abs(voltage) <= limit:
-                    inner[i] = inner[i] + k_i / share * error
-                else:
-                    if voltage * error < 0.0:
-                        inner[i] = inner[i] + k_i / share * error
-                    voltage = limit if voltage > limit else -limit
-                voltages[i] = voltage
+            gains = [k_p * self.period] * n, [k_v] * n, [limit] * n, self._share
+            state = each(
+                self._channel,
+                *gains,
+                voltages,
+                inner[:n],
+                inner[n:],
+                desired[:n],
+                desired[n:],
+                measured,
+            )
+            voltages, integrals, in_control = zip(*state, strict=True)
             discrete_state.set_value(0, np.array(voltages))
-            discrete_state.set_value(1, np.array(inner))
+            discrete_state.set_value(1, np.array(integrals + in_control))
+
+        def _channel(
+            self,
+            k_i: Elementwise,
+            k_v: Elementwise,
+            limit: Elementwise,
+            share: float,
+            voltage: Elementwise,
+            integral: Elementwise,
+            in_control: Elementwise,
+            desired: Elementwise,
+            rate: Elementwise,
+            measured: Elementwise,
+        ) -> tuple[Elementwise, Elementwise, Elementwise]:
+            """Next voltage and integral of a channel, and whether it is in control."""
+            error = desired - measured
+            friction = where(rate > 0.0, *self._friction)
+            feedforward = rate * (self._per_rate / share + friction / (abs(rate) + self._fades_at))
+            direct = k_v / share * error + feedforward
+            # The difference is NaN where it is not finite.
+            if either(direct - direct != 0.0, abs(error) > self._error_limit):
+                return 0.0 * k_i, integral, in_control
+            if not in_control > 0.5:
+                integral = voltage - direct
+            voltage = direct + integral
+            is_within = abs(voltage) <= limit
+            integrates = either(is_within, voltage * error < 0.0)
+            integral = where(integrates, integral + k_i / share * error, integral)
+            saturated = where(voltage > limit, limit, -limit)
+            return where(is_within, voltage, saturated), integral, 1.0
 
     return Impl
 

@@ -61,18 +61,12 @@ def read_or_zeros(port: InputPort, context: Context | RowsContext) -> list[Any]:
     return read(port, context) if has_value(port, context) else [0.0] * port.size()
 
 
-def read_array(port: InputPort, context: Context | RowsContext) -> NDArray[np.float64]:
-    """The vector at an input port, copied; an object array for AutoDiffXd and for rows."""
+def read_array(
+    port: InputPort | OutputPort, context: Context | RowsContext
+) -> NDArray[np.float64]:
+    """The vector at a port of a system, copied; an object array for AutoDiffXd and for rows."""
     if type(context) is RowsContext:
         return array_of(_of_rows(port, context))
-    array: Any = port.Eval(context)
-    return array
-
-
-def evaluated(port: OutputPort, context: Context | RowsContext) -> NDArray[np.float64]:
-    """The vector at an output port of the system whose context it is."""
-    if type(context) is RowsContext:
-        return array_of(context.output(int(port.get_index())))
     array: Any = port.Eval(context)
     return array
 
@@ -97,7 +91,9 @@ def _first(port: InputPort, context: Context | RowsContext) -> Any:
     return signal[0]
 
 
-def _of_rows(port: InputPort, context: RowsContext) -> list[Any]:
+def _of_rows(port: InputPort | OutputPort, context: RowsContext) -> list[Any]:
+    if isinstance(port, OutputPort):
+        return context.output(int(port.get_index()))
     numbers = context.input(int(port.get_index()))
     if numbers is None:
         raise WiringError(f"nothing is connected to the input '{port.get_name()}'")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.ports import evaluated, has_value, read
+from parapod.systems.core.ports import has_value, read, read_array
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, LegGeometry, PlatformGeometry
 from parapod.systems.levelling_platform.inclined_ground import (
@@ -133,7 +133,7 @@ class KinematicPlatform(OnInclinedGround):
 
     def part(self, context: Context, part: slice) -> NDArray[np.float64]:
         """Part of the one solution that all ports share."""
-        part_of_stance: NDArray[np.float64] = evaluated(self._stance, context)[part]
+        part_of_stance: NDArray[np.float64] = read_array(self._stance, context)[part]
         return part_of_stance
 
     def _calc_base_pose(self, context: Context, output: BasicVector) -> None:

@@ -19,7 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import evaluated, read_array
+from parapod.systems.core.ports import read_array
 
 # Two instants closer than this are the same one: sample times are sums and products of periods.
 _SAME_INSTANT = 1e-9
@@ -370,7 +370,7 @@ class FaultInjector(LeafSystem):
         progress[:] = now, min(progress[1] + 1, self._capacity)
 
         if ruling:
-            faulted: Any = evaluated(self.GetOutputPort("faulted"), context)
+            faulted: Any = read_array(self.GetOutputPort("faulted"), context)
             if not np.array_equal(faulted, signal, equal_nan=True):
                 discrete_state.set_value(self._changed, np.ones(1))
 
