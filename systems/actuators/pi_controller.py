@@ -145,8 +145,8 @@ def PiController_(T: Any) -> Any:
                 desired[n:],
                 measured,
             )
-            voltages, integrals, in_control = zip(*state, strict=True)
-            discrete_state.set_value(0, np.array(voltages))
+            commands, integrals, in_control = zip(*state, strict=True)
+            discrete_state.set_value(0, np.array(commands))
             discrete_state.set_value(1, np.array(integrals + in_control))
 
         def _channel(
