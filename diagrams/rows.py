@@ -29,10 +29,9 @@ from parapod.systems.core.leaf_system import (
     Laws,
     Output,
     RowsContext,
-    Sampled,
     zeros_for,
 )
-from parapod.systems.core.rows import Number, Rows, in_parts, matrix_of, merged
+from parapod.systems.core.rows import Number, Rows, carried_out, matrix_of
 
 type Floats = NDArray[np.float64]
 
@@ -178,9 +177,11 @@ class RowsSimulator:
         self._logged_at: list[float] = []
         self.rows = np.arange(self._gather(contexts))
         self._dependents = _dependents_of(self._leaves)
-        self._events: list[tuple[Leaf, Sampled]] = [
-            (leaf, sampled) for leaf in self._leaves for sampled in leaf.laws.sampled
-        ]
+        self._events: dict[tuple[float, float], list[tuple[Leaf, Law]]] = {}
+        for leaf in self._leaves:
+            for sampled in leaf.laws.sampled:
+                timing = sampled.period, sampled.offset
+                self._events.setdefault(timing, []).append((leaf, sampled.law))
         self._is_initialized = False
 
     def log(self, sink: VectorLogSink, name: str) -> None:
@@ -217,17 +218,13 @@ class RowsSimulator:
             self._update(initial)
             self._record(period)
         while self.rows.size:
-            due = [
-                (leaf, sampled.law)
-                for leaf, sampled in self._events
-                if _is_due(sampled.period, sampled.offset, self.time)
-            ]
             if self.time >= until:
                 return
-            self._update(due)
-            following = [_next_time(s.period, s.offset, self.time) for _, s in self._events]
-            following.append(_next_time(period, 0.0, self.time))
-            self.time = min(*following, until)
+            due = (laws for timing, laws in self._events.items() if _is_due(*timing, self.time))
+            self._update([one for laws in due for one in laws])
+            timings = (*self._events, (period, 0.0))
+            following = min(_next_time(*timing, self.time) for timing in timings)
+            self.time = min(following, until)
             self._forget(self._dependents.get(_TIME, ()))
             self._record(period)
 
@@ -266,12 +263,12 @@ class RowsSimulator:
         """State of a system after one of its updates."""
         sizes = [len(group) for group in groups]
 
-        def carried_out(context: RowsContext) -> list[Number]:
+        def result(context: RowsContext) -> list[Number]:
             values = DiscreteValues([context.taken(group) for group in groups])
             law(leaf.system, context, values)
             return [number for group in values.groups for number in group.numbers]
 
-        numbers = self._carried_out(leaf, carried_out, sum(sizes))
+        numbers = self._carried_out(leaf, result, sum(sizes))
         after, begin = [], 0
         for size in sizes:
             after.append(numbers[begin : begin + size])
@@ -281,12 +278,12 @@ class RowsSimulator:
     def calculated(self, leaf: Leaf, law: Law, size: int) -> list[Number]:
         """Numbers of all rows at an output of a system."""
 
-        def carried_out(context: RowsContext) -> list[Number]:
+        def result(context: RowsContext) -> list[Number]:
             output = zeros_for(size)
             law(leaf.system, context, output)
             return output.numbers
 
-        return self._carried_out(leaf, carried_out, size)
+        return self._carried_out(leaf, result, size)
 
     def _carried_out(self, leaf: Leaf, law: Any, size: int) -> list[Number]:
         def of_one(position: int) -> list[Number]:
@@ -300,8 +297,7 @@ class RowsSimulator:
 
         if self.rows.size == 1:
             return of_one(0)
-        parts = list(in_parts(lambda index: law(RowsContext(leaf, index)), of_one, self.rows.size))
-        return parts[0][1] if len(parts) == 1 else merged(parts, self.rows.size)
+        return carried_out(lambda index: law(RowsContext(leaf, index)), of_one, self.rows.size)
 
     def _forget(self, dependents: Iterable[tuple[Leaf, int, bool]]) -> None:
         for leaf, index, is_output in dependents:

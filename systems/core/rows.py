@@ -11,7 +11,7 @@ rows are then handed over one at a time.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -323,61 +323,62 @@ def taken(number: Number, index: Index) -> Number:
     return Rows(number.values[index])
 
 
-def merged(parts: Sequence[tuple[NDArray[np.intp], Sequence[Number]]], size: int) -> list[Number]:
-    """Numbers of all rows from those of its parts.
-
-    Args:
-        parts: positions of rows, and their numbers.
-        size: number of rows.
-    """
-    whole: list[Number] = []
-    for column in zip(*(numbers for _, numbers in parts), strict=True):
-        first = column[0]
-        if type(first) is float and all(type(x) is float and x == first for x in column):
-            signs = {math.copysign(1.0, x) for x in column if type(x) is float}
-            if len(signs) == 1:
-                whole.append(first)
-                continue
-        values = np.empty(size)
-        for (index, _), number in zip(parts, column, strict=True):
-            values[index] = number.values if type(number) is Rows else number
-        whole.append(Rows(values))
-    return whole
-
-
-def in_parts[R](
-    law: Callable[[Index], R],
-    one: Callable[[int], R],
+def carried_out(
+    law: Callable[[Index], Sequence[Number]],
+    one: Callable[[int], Sequence[Number]],
     size: int,
-    rows: Index = None,
-) -> Iterator[tuple[NDArray[np.intp], R]]:
-    """Carries a law out for all rows, in parts where it asks what they answer differently.
+) -> list[Number]:
+    """Numbers that a law gives for all rows, in parts where it asks what they answer differently.
 
     Args:
         law: law of the rows at these positions; None for all.
         one: the same for one row alone, with floats; called where the law does not take rows.
         size: number of rows.
-        rows: positions for which it is carried out; None for all.
-
-    Yields:
-        Positions of rows, and the law's result for them.
     """
-    waiting: list[Index] = [rows]
+    try:
+        return list(law(None))
+    except Parted as parted:
+        waiting = [np.flatnonzero(~parted.flags), np.flatnonzero(parted.flags)]
+    except Exception:  # not for rows, or one of them fails
+        return _by_rows([one(position) for position in range(size)])
+    parts: list[tuple[NDArray[np.intp], Sequence[Number]]] = []
     while waiting:
-        singles: list[int] = []
         index = waiting.pop()
-        positions = np.arange(size) if index is None else index
         try:
-            result = law(index)
+            parts.append((index, law(index)))
         except Parted as parted:
-            waiting += [positions[~parted.flags], positions[parted.flags]]
+            waiting += [index[~parted.flags], index[parted.flags]]
         except Exception:
-            # Not for rows, or one of them fails.
-            singles = positions.tolist()
-        else:
-            yield positions, result
-        for position in singles:
-            yield np.array([position]), one(position)
+            numbers = _by_rows([one(position) for position in index.tolist()])
+            parts.append((index, numbers))
+    return _merged(parts, size)
+
+
+def _by_rows(rows: Sequence[Sequence[Any]]) -> list[Number]:
+    """Numbers of rows that were taken one at a time."""
+    columns: list[Any] = list(zip(*rows, strict=True))
+    return [_common(column) or Rows(np.array(column)) for column in columns]
+
+
+def _common(column: Sequence[Number]) -> float | None:
+    """The float that all numbers are; None if they differ, or are zeros, which have signs."""
+    first = column[0]
+    same = type(first) is float and first and all(type(x) is float and x == first for x in column)
+    return first if same and type(first) is float else None
+
+
+def _merged(parts: Sequence[tuple[NDArray[np.intp], Sequence[Number]]], size: int) -> list[Number]:
+    """Numbers of all rows from those of its parts, by the positions of their rows."""
+    whole: list[Number] = []
+    for column in zip(*(numbers for _, numbers in parts), strict=True):
+        if (common := _common(column)) is not None:
+            whole.append(common)
+            continue
+        values = np.empty(size)
+        for (index, _), number in zip(parts, column, strict=True):
+            values[index] = number.values if type(number) is Rows else number
+        whole.append(Rows(values))
+    return whole
 
 
 def each(law: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
@@ -395,26 +396,23 @@ def each(law: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     if size is None:
         return [law(*channel) for channel in zip(*columns, strict=True)]
     count = len(columns[0])
-    total = count * size
     flat: list[Any] = [_flat(column, size) for column in columns]
 
-    def of_rows(index: Index) -> Any:
-        return law(*(taken(column, index) for column in flat))
+    is_tuple = True
 
-    def of_one(position: int) -> Any:
-        return law(
-            *(
-                float(column.values[position]) if type(column) is Rows else column
-                for column in flat
-            )
-        )
-
-    parts: list[tuple[NDArray[np.intp], Sequence[Number]]] = []
-    is_tuple = False
-    for index, result in in_parts(of_rows, of_one, total):
+    def as_tuple(result: Any) -> tuple[Any, ...]:
+        nonlocal is_tuple
         is_tuple = isinstance(result, tuple)
-        parts.append((index, result if is_tuple else (result,)))
-    numbers = list(parts[0][1]) if len(parts) == 1 else merged(parts, total)
+        return result if is_tuple else (result,)
+
+    def of_rows(index: Index) -> tuple[Any, ...]:
+        return as_tuple(law(*(taken(column, index) for column in flat)))
+
+    def of_one(position: int) -> tuple[Any, ...]:
+        row = (float(x.values[position]) if type(x) is Rows else x for x in flat)
+        return as_tuple(law(*row))
+
+    numbers = carried_out(of_rows, of_one, count * size)
     channels = [
         tuple(
             Rows(number.values[i * size : (i + 1) * size]) if type(number) is Rows else number
