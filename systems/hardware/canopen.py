@@ -7,13 +7,13 @@ import logging
 import struct
 import threading
 import time
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.clock import answer_time, search_time
+from parapod.systems.hardware.clock import answer_time, awaiting_answer, search_time
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
 # Identifiers of frames; those of a node have its id added.
@@ -184,6 +184,9 @@ class CanopenBus:
     What canopen has is used for service data, network management and emergencies. The receiving
     thread is not python-can's notifier: that one dies of the first damaged line of a serial
     adapter, silently.
+
+    Attributes:
+        sdo_timeout: longest wait for the answer to a service data request [s].
     """
 
     def __init__(self, name: str, node_ids: Sequence[int], sdo_timeout: float):
@@ -194,7 +197,7 @@ class CanopenBus:
             node_ids: node ids that are used.
             sdo_timeout: longest wait for the answer to a service data request [s].
         """
-        self._name = name
+        self._name, self.sdo_timeout = name, sdo_timeout
         self._inbox = _Inbox()
         self._closing = threading.Event()
         self._broken: Exception | None = None
@@ -206,8 +209,6 @@ class CanopenBus:
         self._network = canopen.Network()
         self._network.send_message = self.send
         self._nodes = {i: self._network.add_node(i, canopen.ObjectDictionary()) for i in node_ids}
-        for node in self._nodes.values():
-            node.sdo.RESPONSE_TIMEOUT = sdo_timeout
         self._bus: Any = None
         self._thread: threading.Thread | None = None
 
@@ -271,7 +272,8 @@ class CanopenBus:
             DeviceError: it does not answer, or refuses.
         """
         try:
-            return entry.unpack(self._nodes[node_id].sdo.upload(entry.index, entry.subindex))
+            with self._service_data(node_id) as sdo:
+                return entry.unpack(sdo.upload(entry.index, entry.subindex))
         except Exception as error:
             raise self._refused(node_id, f"read {entry}", error) from error
 
@@ -282,7 +284,8 @@ class CanopenBus:
             DeviceError: it does not answer, or refuses.
         """
         try:
-            self._nodes[node_id].sdo.download(entry.index, entry.subindex, entry.pack(value))
+            with self._service_data(node_id) as sdo:
+                sdo.download(entry.index, entry.subindex, entry.pack(value))
         except Exception as error:
             raise self._refused(node_id, f"set {entry} to {value}", error) from error
 
@@ -300,7 +303,7 @@ class CanopenBus:
 
         Args:
             expected: their identifiers.
-            timeout: [s].
+            timeout: longest wait for them [s].
 
         Returns:
             The frames that have come in time, by identifier.
@@ -310,7 +313,8 @@ class CanopenBus:
         """
         self._inbox.expect(expected)
         self.send(SYNC_ID, b"")
-        frames = self._inbox.wait(timeout)
+        with awaiting_answer(timeout) as longest:
+            frames = self._inbox.wait(longest)
         if self._broken is not None:
             raise self._unplugged(self._broken)
         return frames
@@ -326,6 +330,13 @@ class CanopenBus:
             self._network.scanner.search()
             time.sleep(search_time(_SEARCH_TIME))
         return sorted(self._network.scanner.nodes)
+
+    @contextmanager
+    def _service_data(self, node_id: int) -> Iterator[Any]:
+        """Yields a node's service data, whose answers have their time from now on."""
+        sdo = self._nodes[node_id].sdo
+        with awaiting_answer(self.sdo_timeout) as sdo.RESPONSE_TIMEOUT:
+            yield sdo
 
     def _receive(self) -> None:
         while not self._closing.is_set():

@@ -67,6 +67,11 @@ class Hold:
     def sleeping(self, until: float) -> None:
         """Lets the time come to which its own thread sleeps [s]."""
 
+    @property
+    def is_free(self) -> bool:
+        """True while any time may come."""
+        return True
+
 
 class _SharedHold(Hold):
     """A hold in the cells of a clock."""
@@ -87,6 +92,11 @@ class _SharedHold(Hold):
         """See `Hold`."""
         if self._cells[self._at] < until:
             self.until(until + _WAKING)
+
+    @property
+    def is_free(self) -> bool:
+        """See `Hold`."""
+        return math.isinf(self._cells[self._at])
 
 
 class EmulatedClock:
@@ -279,8 +289,8 @@ def sleep(seconds: float) -> None:
         time.sleep(seconds)
         return
     until = _clock.now() + seconds
-    _thread.hold.sleeping(until)
     while (time_left := until - _clock.now()) > 0.0:
+        _thread.hold.sleeping(until)  # again: a loop that posts a command sets the hold meanwhile
         time.sleep(computer_time(time_left))
 
 
@@ -316,6 +326,34 @@ def answer_time(seconds: float) -> float:
         return seconds
     lenient = search_time(seconds)
     return max(lenient, _ANSWERING * PATIENCE) if _clock.is_well else lenient
+
+
+@contextmanager
+def awaiting_answer(seconds: float) -> Iterator[float]:
+    """Has an answer that stays away take as long for devices as it does on the real machine.
+
+    An emulated time goes no further than that while the block waits, and goes as far if it waits
+    in vain, whatever held it before.
+
+    Args:
+        seconds: time of the device's within which the answer is due [s].
+
+    Yields `answer_time` of it [s].
+    """
+    longest = answer_time(seconds)
+    if _clock is None:
+        yield longest
+        return
+    began, until, own_hold = time.monotonic(), _clock.now() + seconds, hold()
+    if was_free := own_hold.is_free:
+        own_hold.until(until)
+    try:
+        yield longest
+    finally:
+        if time.monotonic() - began >= longest:
+            sleep(until - _clock.now())
+        if was_free:
+            own_hold.until(math.inf)
 
 
 def search_time(seconds: float) -> float:

@@ -7,7 +7,7 @@ from contextlib import ExitStack, suppress
 
 from parapod.systems.core.switching import switched
 from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus, wrapped
-from parapod.systems.hardware.clock import answer_time, monotonic, sleep
+from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.epos2.controller import (
@@ -168,7 +168,7 @@ class Epos2Device(IncrementalDevice):
         self.close()
         settings = self._settings
         names = settings.axis_names or ("",) * len(settings.node_ids)
-        bus = CanopenBus(self.name, settings.node_ids, answer_time(self._timing.sdo_timeout))
+        bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
         self._bus = bus
         self._controllers = [
             Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
@@ -317,16 +317,23 @@ class Epos2Device(IncrementalDevice):
     def _confirm_no_power(self) -> None:
         """Takes the power again, in a way that the nodes answer, and lets them forget us.
 
-        It closes the switches in that way, too.
+        It closes the switches in that way, too. Once a node was silent the others have less time
+        for their answers: the machine's other devices wait for their own stop meanwhile.
         """
+        bus, timing = self._open_bus(), self._timing
         deadline, first_error = self._clock() + _CONFIRMING, None
-        for controller in self._controllers:
-            try:
-                if first_error is None or self._clock() < deadline:
-                    controller.disable()
-                    controller.switch_off()
-            except DeviceError as error:
-                first_error = first_error or error
+        try:
+            for controller in self._controllers:
+                try:
+                    if first_error is None or self._clock() < deadline:
+                        controller.disable()
+                        controller.switch_off()
+                except DeviceError as error:
+                    first_error = first_error or error
+                    if error.fault is DeviceFault.SILENT:
+                        bus.sdo_timeout = min(timing.timeout, timing.sdo_timeout)
+        finally:
+            bus.sdo_timeout = timing.sdo_timeout
         if first_error is not None:
             raise first_error
         self._may_have_power = False
@@ -362,7 +369,7 @@ class Epos2Device(IncrementalDevice):
             if stop is not None:
                 self._watch_stop(stop.is_stop_pressed(stop.poll()))
             return [controller.poll() for controller in self._controllers]
-        frames = self._open_bus().synchronise(self._report_ids, answer_time(self._timing.timeout))
+        frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
         if stop is not None:
             # Also when another node is silent.
             with suppress(DeviceError):

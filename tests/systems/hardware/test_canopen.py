@@ -1,9 +1,12 @@
 """A serial port whose bytes come from a buffer, and the bus behind it."""
 
+import time
+
 import pytest
 
-from parapod.systems.hardware.canopen import BufferedPort, CanopenBus
-from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.canopen import BufferedPort, CanopenBus, Entry
+from parapod.systems.hardware.clock import PATIENCE, EmulatedClock, going_by
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 
 
 class Port:
@@ -97,3 +100,20 @@ def test_a_cable_that_goes_while_the_bus_is_opened_is_named_and_the_port_closed(
         bus.open({"channel": "/dev/ttyUSB0"})
     bus.close()
     assert ended == ["bus", "port"]
+
+
+def test_service_data_are_waited_for_as_long_as_the_devices_condition_asks(tmp_path):
+    pytest.importorskip("canopen")
+    keeper = EmulatedClock(tmp_path / "clock", 1.0)
+    with going_by(EmulatedClock(tmp_path / "clock")):
+        bus = CanopenBus("EPOS2 on virtual", [1], 0.02)
+        bus.open({"interface": "virtual", "channel": "test_canopen"})
+        try:
+            keeper.is_well = False  # only now
+            began = time.monotonic()
+            with pytest.raises(DeviceError, match="node 1 does not answer") as error:
+                bus.get(1, Entry(0x1018, 1, "<I"))
+            assert time.monotonic() - began < 0.5 * PATIENCE
+        finally:
+            bus.close()
+    assert error.value.fault is DeviceFault.SILENT

@@ -201,6 +201,38 @@ def test_devices_that_are_well_may_take_nearly_as_long_as_anything_is_waited_for
     assert clock.answer_time(0.05) == 0.05
 
 
+def test_an_answer_that_stays_away_takes_as_long_for_devices_as_theirs_would(path):
+    keeper, shown = EmulatedClock(path, 1.0), EmulatedClock(path)
+    keeper.is_well = False
+    with going_by(shown):
+        before = shown.now()
+        with clock.awaiting_answer(0.02) as longest:
+            time.sleep(longest)
+            assert before + 0.01 < shown.now() < before + 0.03  # and no further
+        with clock.standing_still():
+            before = shown.now()
+            with clock.awaiting_answer(0.02) as longest:
+                time.sleep(0.5 * longest)  # one that comes takes no time
+            assert shown.now() == before
+            with clock.awaiting_answer(0.02) as longest:
+                time.sleep(longest)
+            assert before + 0.02 <= shown.now() < before + 0.03
+    with clock.awaiting_answer(0.02) as longest:
+        assert longest == 0.02
+
+
+def test_a_thread_wakes_also_where_its_hold_is_set_while_it_sleeps(path):
+    shown = EmulatedClock(path, 1.0)
+    with going_by(shown):
+        own = clock.hold()
+        began, setting = time.monotonic(), threading.Timer(0.02, own.until, (shown.now(),))
+        setting.start()
+        clock.sleep(0.1)
+        setting.join()
+        own.until(math.inf)
+    assert time.monotonic() - began < 0.5 * PATIENCE
+
+
 def test_logs_have_the_emulated_time_as_calendars_have_it(path, computer):
     with going_by(EmulatedClock(path, 0.5)):
         before = clock.calendar_time_ns()

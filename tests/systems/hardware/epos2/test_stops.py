@@ -8,9 +8,10 @@ import pytest
 
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
+from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
-from parapod.systems.hardware.epos2 import objects
+from parapod.systems.hardware.epos2 import device, objects
 from parapod.systems.hardware.epos2.controller import Timing, stopping_time
 
 RUN = {"velocity_command": (2.0,) * 4, "brake": (0.0,)}
@@ -147,6 +148,22 @@ def test_a_node_that_keeps_its_power_is_told_and_goes_on_to_wait_for_heartbeats(
     # Nobody sends any: it stops by itself.
     assert until(lambda: rig.nodes.states[2] is DriveState.FAULT)
     assert rig.command == (0.0,) * 4
+
+
+def test_nodes_behind_silent_ones_are_asked_before_other_devices_have_waited_for_long(
+    make_rig, monkeypatch
+):
+    monkeypatch.setattr(device, "_CONFIRMING", 1.0)
+    with make_rig({"sdo_timeout": 0.6, "timeout": 0.05}) as rig:
+        rig.activate()
+        for node_id in (1, 2, 3):
+            rig.nodes.disconnect(node_id)
+        with pytest.raises(DeviceError, match="node 1 does not answer"):
+            rig.drives.deactivate()
+        assert rig.nodes.states[3] is DriveState.SWITCH_ON_DISABLED
+        # It has been asked, and waits for heartbeats no more.
+        assert rig.nodes.nodes[3]._slave.get(HEARTBEAT_CONSUMED) == 0
+        assert rig.drives._bus.sdo_timeout == 0.6
 
 
 def test_drives_wait_for_two_heartbeats_at_least(make_rig):
