@@ -31,12 +31,12 @@ from parapod.systems.core.leaf_system import (
     RowsContext,
     zeros_for,
 )
-from parapod.systems.core.rows import Number, Rows, carried_out, matrix_of
+from parapod.systems.core.rows import Number, Rows, carried_out
 
 type Floats = NDArray[np.float64]
 
-# Samples by which the memory of a signal grows.
-CHUNK = 256
+# Rows of which a signal makes arrays at once.
+_BLOCK = 64
 _TIME = "time"
 
 
@@ -100,11 +100,16 @@ class Leaf:
 
 
 class Signal:
-    """Samples of a signal of all rows, in pieces of the memory that they need."""
+    """Samples of a signal of all rows.
+
+    The numbers themselves are kept: what does not change from one sample to the next needs no
+    memory. Arrays are made of some rows at a time, as they are asked for.
+    """
 
     def __init__(self, size: int):
         self._size = size
-        self._pieces: list[tuple[Floats, NDArray[np.intp] | None, int]] = []
+        self._samples: list[tuple[Sequence[Number], NDArray[np.intp]]] = []
+        self._block: tuple[int, Floats] = (-1, np.empty(0))
 
     def add(self, numbers: Sequence[Number], rows: NDArray[np.intp]) -> None:
         """Adds a sample.
@@ -113,35 +118,34 @@ class Signal:
             numbers: its elements.
             rows: the rows that they are of.
         """
-        differ = any(type(number) is Rows for number in numbers)
-        last = self._pieces[-1] if self._pieces else None
-        if (
-            last is None
-            or last[2] == CHUNK
-            or (last[1] is None) is differ
-            or (differ and last[1] is not rows)
-        ):
-            shape = (CHUNK, self._size, rows.size) if differ else (CHUNK, self._size)
-            last = np.empty(shape), rows if differ else None, 0
-            self._pieces.append(last)
-        piece, of, count = last
-        values: Any = matrix_of(numbers, rows.size) if differ else numbers
-        piece[count] = values
-        self._pieces[-1] = piece, of, count + 1
+        self._samples.append((numbers, rows))
 
-    def row(self, row: int, count: int) -> Floats:
-        """The first samples (count, size) of a row."""
-        parts = []
-        for piece, rows, filled in self._pieces:
-            if rows is None:
-                parts.append(piece[:filled])
-            else:
-                position = int(np.searchsorted(rows, row))
-                if position == rows.size or rows[position] != row:
-                    break
-                parts.append(piece[:filled, :, position])
-        whole = np.concatenate(parts) if parts else np.empty((0, self._size))
-        return np.array(whole[:count])
+    def row(self, row: int) -> Floats:
+        """Samples (n, size) of a row that has not ended."""
+        block, position = divmod(row, _BLOCK)
+        if self._block[0] != block:
+            self._block = block, self._rows(block * _BLOCK)
+        return np.array(self._block[1][:, :, position])
+
+    def _rows(self, first: int) -> Floats:
+        """Samples (n, size, rows) of some rows."""
+        samples = np.empty((len(self._samples), self._size, _BLOCK))
+        rows: NDArray[np.intp] | None = None
+        before: Sequence[Number] = ()
+        for k, (numbers, of) in enumerate(self._samples):
+            if of is not rows:
+                # Some may have ended, and are not asked for.
+                wanted = np.searchsorted(of, np.arange(first, first + _BLOCK))
+                rows, positions, before = of, wanted, ()
+            for i, number in enumerate(numbers):
+                if type(number) is not Rows:
+                    samples[k, i] = number
+                elif before and before[i] is number:
+                    samples[k, i] = samples[k - 1, i]
+                else:
+                    np.take(number.values, positions, out=samples[k, i], mode="clip")
+            before = numbers
+        return samples
 
 
 class RowsSimulator:
@@ -209,7 +213,7 @@ class RowsSimulator:
 
     def signal(self, name: str, row: int) -> Floats:
         """Samples (n, size) of a log in a row."""
-        return self._logs[name][1].row(row, len(self._logged_at))
+        return self._logs[name][1].row(row)
 
     def _advance_to(self, until: float, period: float) -> None:
         if not self._is_initialized:

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
-from parapod.diagrams.rows import CHUNK, RowsSimulator
+from parapod.diagrams.rows import RowsSimulator
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.schema import differing, plain
 
@@ -98,14 +98,14 @@ class LoopRows[S]:
 
 
 def bytes_of_row(loop: ClosedLoop[Any], duration: float) -> int:
-    """Memory that the recording of a row of a loop needs [B].
+    """Memory that the recording of a row of a loop needs at most [B].
 
     Args:
         loop: the loop, with its logs.
         duration: time that is recorded [s].
     """
     settings: Any = loop.scenario
-    samples = duration / (loop.machine.view.log_every * settings.control.period) + CHUNK
+    samples = duration / (loop.machine.view.log_every * settings.control.period) + 1
     return int(8 * samples * sum(sink.get_input_port().size() for sink in loop.logs.values()))
 
 

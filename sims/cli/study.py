@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=rows,
         metavar="N",
         help="simulate up to N runs together, as rows of the same arithmetic; 0: each alone; "
-        "default auto: as many as are fast, within 256 MiB a worker",
+        "default auto: as many as are fast, within 768 MiB a worker",
     )
     add_crew_options(parser, "runs")
     for option, what in _OUTPUTS.items():

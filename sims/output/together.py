@@ -18,7 +18,7 @@ from parapod.systems.core.errors import ParapodError
 
 # Memory of the recordings of all rows that are simulated at once [B], and their largest number
 # where that is left to us: arrays of more are slower by element, as they leave the caches.
-_MEMORY = 256 * 2**20
+_MEMORY = 768 * 2**20
 MOST_ROWS = 1000
 # Fewer rows than this are faster one after the other, in C++ in part.
 _FEWEST = 8
@@ -141,7 +141,8 @@ class _Guest[R]:
         self.wish = wish
         self._ours.release()
         self._theirs.acquire()
-        return self._answer
+        answer, self._answer = self._answer, None  # a recording is large
+        return answer
 
     def answer(self, answer: Granted | Exception | None) -> None:
         """Runs on until the next wish, or the end."""

@@ -33,9 +33,9 @@ def quotient(x: Elementwise, y: Elementwise) -> Elementwise:
     if type(y) is float and not y:
         return math.nan
     if type(y) is Rows:
-        return Rows(
-            np.where(y.values == 0.0, math.nan, (x.values if type(x) is Rows else x) / y.values)
-        )
+        values = np.full(y.values.size, math.nan)
+        np.divide(x.values if type(x) is Rows else x, y.values, out=values, where=y.values != 0.0)
+        return Rows(values)
     return x / y
 
 
@@ -90,15 +90,9 @@ def log(x: Elementwise) -> Elementwise:
     return x.log() if type(x) is Rows else np.log(x)
 
 
-def hypot(*parts: Elementwise) -> Elementwise:
-    """Length of a vector of floats or rows."""
-    if any(type(part) is Rows for part in parts):
-        return Rows(
-            by_library(
-                math.hypot, *(part.values if type(part) is Rows else part for part in parts)
-            )
-        )
-    return math.hypot(*parts)
+def length_of(x: Elementwise, y: Elementwise, z: Elementwise = 0.0) -> Elementwise:
+    """Length of a vector, whose squares are neither too large nor too small for floats."""
+    return sqrt(x * x + y * y + z * z)
 
 
 def copysign(x: Elementwise, sign: Elementwise) -> Elementwise:

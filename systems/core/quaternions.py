@@ -7,7 +7,7 @@ from parapod.systems.core.elementwise import (
     atan2,
     copysign,
     greatest,
-    hypot,
+    length_of,
     quotient,
     sin_cos,
     sqrt,
@@ -31,7 +31,7 @@ def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
 
 def of_turn(turn: Sequence[float]) -> Quaternion:
     """Quaternion of a rotation vector [rad]."""
-    angle = hypot(*turn)
+    angle = length_of(*turn)
     sine, cosine = sin_cos(0.5 * angle)
     share = where(angle > 0.0, quotient(sine, angle), 0.5)
     x, y, z = (share * part for part in turn)
@@ -72,7 +72,7 @@ def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:
     """Rotation vector [rad], in the axes that do not turn, from one rotation to another."""
     w, x, y, z = start
     cosine, *sines = product(end, (w, -x, -y, -z))
-    sine = hypot(*sines)
+    sine = length_of(*sines)
     # Quaternions of opposite signs are the same rotation.
     factor = where(sine == 0.0, 2.0, quotient(2.0 * atan2(sine, abs(cosine)), sine))
     factor = copysign(factor, cosine)

@@ -12,8 +12,8 @@ from parapod.systems.core.elementwise import (
     Elementwise,
     asin,
     atan2,
-    hypot,
     is_finite,
+    length_of,
     sin_cos,
     sqrt,
     where,
@@ -119,7 +119,7 @@ def turned_angles(angles: Sequence[float], turn: Sequence[float]) -> Vector3:
             )
         )
     (x_1, x_2, x_3), (_, _, y_3), (_, _, z_3) = rotated
-    return atan2(y_3, z_3), atan2(-x_3, hypot(x_1, x_2)), atan2(x_2, x_1)
+    return atan2(y_3, z_3), atan2(-x_3, length_of(x_1, x_2)), atan2(x_2, x_1)
 
 
 def turn_between(start: Sequence[float], end: Sequence[float]) -> Vector3:

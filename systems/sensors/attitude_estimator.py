@@ -12,8 +12,8 @@ from parapod.systems.core.elementwise import (
     atan2,
     both,
     greatest,
-    hypot,
     least,
+    length_of,
     quotient,
     sin,
     sqrt,
@@ -154,7 +154,7 @@ class AttitudeEstimator(LeafSystem):
         (x, y, z), count = state[:3], state[_COUNT]
         if count == 0.0:
             accel = read(self._accel, context)
-            if self._may_start(hypot(*accel)):
+            if self._may_start(length_of(*accel)):
                 x, y, z = accel
         roll, pitch = atan2(y, z), atan2(-x, sqrt(y * y + z * z))
         output.SetFromVector(np.array([roll, pitch]))
@@ -177,7 +177,7 @@ class AttitudeEstimator(LeafSystem):
         accel = read(self._accel, context)
         if not _is_within(gyro, self.params.rate_limit):
             gyro = last
-        norm = hypot(*accel)
+        norm = length_of(*accel)
         if count > 0.0 and not _is_close(gyro, bias, self.params.rest_rate):
             count = _RUNNING
         tau = context.get_numeric_parameter(self._time_constant)[0]
@@ -204,7 +204,7 @@ class AttitudeEstimator(LeafSystem):
         for i in range(3):
             mean[i] = mean[i] + gain * (across[i] / norm - mean[i])
         forgotten = off * tau / (tau + self.period)
-        return greatest(forgotten, hypot(*mean))
+        return greatest(forgotten, length_of(*mean))
 
     def _average(
         self,
@@ -293,7 +293,7 @@ class AttitudeEstimator(LeafSystem):
     ) -> Any:
         """Whether a sample is one of a body at rest or in a slow motion; False for NaN."""
         is_at_rest = abs(norm - self.params.gravity) <= self.params.disturbance
-        is_upright = hypot(*_cross(accel, up)) <= self.params.misfit * norm
+        is_upright = length_of(*_cross(accel, up)) <= self.params.misfit * norm
         is_slow = _is_close(gyro, bias, self.params.fast)
         return both(both(is_at_rest, is_upright), is_slow)
 

@@ -178,16 +178,22 @@ def _stream(seed: int, size: int) -> _Stream:
 def _normals(generator: np.random.RandomState, count: int) -> NDArray[np.float64]:
     """Further normal numbers, about as many as wanted."""
     # Every pair of fractions gives two of them, or with a probability of 1 - pi / 4 none.
-    words = _words(generator, 4 * (count * 2 // 3 + 8)).astype("<u4")
-    fractions = np.minimum(words.view("<u8").astype(np.float64) / 2.0**64, _BELOW_ONE)
-    points = (2.0 * fractions - 1.0).reshape(-1, 2)
-    squares = points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1]
-    inside = (squares <= 1.0) & (squares != 0.0)
+    words = _words(generator, 4 * (count * 2 // 3 + 8)).astype("<u4", copy=False)
+    points = words.view("<u8").astype(np.float64)
+    points *= 2.0**-64
+    np.minimum(points, _BELOW_ONE, out=points)
+    points *= 2.0
+    points -= 1.0
+    x, y = points[::2], points[1::2]
+    squares = x * x + y * y
+    inside = np.flatnonzero((squares <= 1.0) & (squares != 0.0))
     squares = squares[inside]
     logarithms = by_library(math.log, squares)
     factors = np.sqrt(-2.0 * logarithms / squares)
-    numbers: NDArray[np.float64] = points[inside][:, ::-1] * factors[:, np.newaxis]
-    return numbers.ravel()
+    numbers = np.empty(2 * inside.size)
+    np.multiply(y[inside], factors, out=numbers[::2])
+    np.multiply(x[inside], factors, out=numbers[1::2])
+    return numbers
 
 
 def _words(generator: np.random.RandomState, count: int) -> NDArray[np.uint32]:
