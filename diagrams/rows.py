@@ -35,8 +35,8 @@ from parapod.systems.core.rows import Number, Rows, carried_out
 
 type Floats = NDArray[np.float64]
 
-# Rows of which a signal makes arrays at once.
-_BLOCK = 64
+# Samples by which the memory of a signal grows, and rows that are taken out of it at once.
+_CHUNK, _BLOCK = 256, 64
 _TIME = "time"
 
 
@@ -100,15 +100,13 @@ class Leaf:
 
 
 class Signal:
-    """Samples of a signal of all rows.
-
-    The numbers themselves are kept: what does not change from one sample to the next needs no
-    memory. Arrays are made of some rows at a time, as they are asked for.
-    """
+    """Samples of a signal of all rows."""
 
     def __init__(self, size: int):
         self._size = size
-        self._samples: list[tuple[Sequence[Number], NDArray[np.intp]]] = []
+        # Samples (chunk, size, rows), or (chunk, size, 1) where all rows have the same; the rows,
+        # and the number of samples.
+        self._chunks: list[tuple[Floats, NDArray[np.intp], int]] = []
         self._block: tuple[int, Floats] = (-1, np.empty(0))
 
     def add(self, numbers: Sequence[Number], rows: NDArray[np.intp]) -> None:
@@ -118,7 +116,15 @@ class Signal:
             numbers: its elements.
             rows: the rows that they are of.
         """
-        self._samples.append((numbers, rows))
+        width = rows.size if any(type(number) is Rows for number in numbers) else 1
+        last = self._chunks[-1] if self._chunks else None
+        if last is None or last[2] == _CHUNK or last[1] is not rows or last[0].shape[2] != width:
+            last = np.empty((_CHUNK, self._size, width)), rows, 0
+            self._chunks.append(last)
+        chunk, _, count = last
+        for i, number in enumerate(numbers):
+            chunk[count, i] = number.values if type(number) is Rows else number
+        self._chunks[-1] = chunk, rows, count + 1
 
     def row(self, row: int) -> Floats:
         """Samples (n, size) of a row that has not ended."""
@@ -128,24 +134,17 @@ class Signal:
         return np.array(self._block[1][:, :, position])
 
     def _rows(self, first: int) -> Floats:
-        """Samples (n, size, rows) of some rows."""
-        samples = np.empty((len(self._samples), self._size, _BLOCK))
-        rows: NDArray[np.intp] | None = None
-        before: Sequence[Number] = ()
-        for k, (numbers, of) in enumerate(self._samples):
-            if of is not rows:
-                # Some may have ended, and are not asked for.
-                wanted = np.searchsorted(of, np.arange(first, first + _BLOCK))
-                rows, positions, before = of, wanted, ()
-            for i, number in enumerate(numbers):
-                if type(number) is not Rows:
-                    samples[k, i] = number
-                elif before and before[i] is number:
-                    samples[k, i] = samples[k - 1, i]
-                else:
-                    np.take(number.values, positions, out=samples[k, i], mode="clip")
-            before = numbers
-        return samples
+        """Samples (n, size, rows) of some rows, which are beside each other in memory."""
+        wanted = np.arange(first, first + _BLOCK)
+        parts = []
+        for chunk, rows, count in self._chunks:
+            if chunk.shape[2] == 1:
+                part = np.broadcast_to(chunk[:count], (count, self._size, _BLOCK))
+            else:  # some may have ended, and are not asked for
+                places = np.searchsorted(rows, wanted)
+                part = chunk[:count].take(places, axis=2, mode="clip")
+            parts.append(part)
+        return np.concatenate(parts) if parts else np.empty((0, self._size, _BLOCK))
 
 
 class RowsSimulator:
