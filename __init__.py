@@ -12,6 +12,7 @@
     recording.plot("truth.posture", "posture_desired_state")
     parapod.run("level", seed=3, backend="kinematic")  # metrics, bounds and figures
     parapod.study("level", {"seed": "0:20", "ground.pitch_deg": "-5:5:11"})  # on all cores
+    parapod.rows(loop, scenarios)  # many loops of one structure, simulated side by side
     parapod.draw(loop)  # the diagram as a picture
     parapod.Scene.from_meshcat(meshcat)  # drawn by `closed_loop(scenario, meshcat=meshcat)`
     parapod.linearised(system, context, ["u"], ["y"])  # A, B, C, D, where it has them
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from parapod.diagrams.ports import Behind, In, Inner, Out, Span, Truth
     from parapod.diagrams.real import MachineView, RealMachine, SelfTest
     from parapod.diagrams.recording import Recording
+    from parapod.diagrams.side_by_side import LoopRows
     from parapod.diagrams.station import Station
     from parapod.diagrams.wiring import (
         add,
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from parapod.sims.api import (
         closed_loop,
         experiments,
+        rows,
         run,
         scenario,
         study,
@@ -77,6 +80,8 @@ if TYPE_CHECKING:
     from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
     from parapod.systems.core.errors import ParapodError, ScenarioError, UnreachablePosture
     from parapod.systems.core.function import FunctionSystem
+    from parapod.systems.core.leaf_system import LeafSystem
+    from parapod.systems.core.ports import read, read_array, read_or_zeros
     from parapod.systems.core.schema import Schema, choice, quantity
     from parapod.systems.sensors.attitude_estimator import (
         AttitudeEstimator,
@@ -99,6 +104,7 @@ _HOMES = {
     "diagrams.ports": ("Behind", "In", "Inner", "Out", "Span", "Truth"),
     "diagrams.real": ("MachineView", "RealMachine", "SelfTest"),
     "diagrams.recording": ("Recording",),
+    "diagrams.side_by_side": ("LoopRows",),
     "diagrams.station": ("Station",),
     "diagrams.wiring": (
         "add",
@@ -108,7 +114,7 @@ _HOMES = {
         "outputs_of",
         "wired",
     ),
-    "sims.api": ("closed_loop", "experiments", "run", "scenario", "study", "viewer"),
+    "sims.api": ("closed_loop", "experiments", "rows", "run", "scenario", "study", "viewer"),
     "sims.output.drawn": ("LogDrawing",),
     "sims.lab.experiment": ("Experiment", "LoopExperiment"),
     "sims.output.figures": ("Figure",),
@@ -136,6 +142,8 @@ _HOMES = {
     ),
     "systems.core.errors": ("ParapodError", "ScenarioError", "UnreachablePosture"),
     "systems.core.function": ("FunctionSystem",),
+    "systems.core.leaf_system": ("LeafSystem",),
+    "systems.core.ports": ("read", "read_array", "read_or_zeros"),
     "systems.core.schema": ("Schema", "choice", "quantity"),
     "systems.sensors.attitude_estimator": (
         "AttitudeEstimator",
@@ -162,10 +170,12 @@ __all__ = [
     "Homing",
     "In",
     "Inner",
+    "LeafSystem",
     "LinearActuator",
     "LinearActuatorParams",
     "LogDrawing",
     "LoopExperiment",
+    "LoopRows",
     "Machine",
     "MachineScenario",
     "MachineView",
@@ -203,7 +213,11 @@ __all__ = [
     "outputs_of",
     "own_emulator",
     "quantity",
+    "read",
+    "read_array",
+    "read_or_zeros",
     "read_study",
+    "rows",
     "run",
     "scenario",
     "study",

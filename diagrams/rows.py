@@ -123,7 +123,8 @@ class Signal:
             self._chunks.append(last)
         chunk, _, count = last
         for i, number in enumerate(numbers):
-            chunk[count, i] = number.values if type(number) is Rows else number
+            values: Any = number.values if type(number) is Rows else number
+            chunk[count, i] = values
         self._chunks[-1] = chunk, rows, count + 1
 
     def row(self, row: int) -> Floats:

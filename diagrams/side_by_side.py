@@ -31,6 +31,8 @@ class LoopRows[S]:
             ScenarioError: a scenario of another structure; names the key.
             ParapodError: a system that rows cannot have, or more rows than memory.
         """
+        if not scenarios:
+            raise ParapodError("rows need at least one scenario")
         self.loop, self.scenarios = loop, scenarios
         _check_structures(loop, scenarios)
         root = loop.CreateDefaultContext()

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.drivers.external import load_installed_drivers
+from parapod.diagrams.side_by_side import LoopRows
 from parapod.sims.lab.discovery import find_entry, list_entries
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.output.options import RunOptions
@@ -99,6 +100,33 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
     if not isinstance(closed_loop, ClosedLoop):
         raise ParapodError(f"the experiment '{experiment.name}' has no closed loop of a machine")
     return closed_loop
+
+
+def rows(loop: ClosedLoop[Any] | Any, scenarios: Sequence[Any]) -> LoopRows[Any]:
+    """Closed loops of many scenarios of one structure, to be simulated side by side.
+
+        rows = parapod.rows(scenarios[0], scenarios)
+        rows.advance_to(30.0)
+        rows.recording(17)["truth.posture"]  # that of the 18th scenario, as Drake has it
+
+    Args:
+        loop: the loop of one of the scenarios, whose signals are recorded; or a scenario that
+            it is made of.
+        scenarios: a scenario for each row; they differ in what a loop is reset to, such as seed,
+            ground and errors.
+
+    Raises:
+        ScenarioError: a scenario that is not admissible, or of another structure; names the key.
+        ParapodError: a system that rows cannot have, or more rows than memory.
+    """
+    if not isinstance(loop, ClosedLoop):
+        loop = closed_loop(loop)
+    begins = []
+    for one in scenarios:
+        check(one)
+        is_own = isinstance(one, type(loop.scenario))
+        begins.append(one if is_own else _experiment_of(one).machine_scenario(one))
+    return LoopRows(loop, begins)
 
 
 def viewer(scenario: Any, record: bool = False) -> Meshcat:

@@ -432,9 +432,8 @@ def _size_of(columns: Sequence[Sequence[Any]]) -> int | None:
 
 
 def _flat(column: Sequence[Any], size: int) -> Any:
+    """A column of all channels: what they share, or their rows one after the other."""
     first = column[0]
-    if all(element is first for element in column) and type(first) is not Rows:
+    if type(first) is not Rows and all(element is first for element in column):
         return first
-    if first and all(type(element) is float and element == first for element in column):
-        return first
-    return Rows(matrix_of(column, size).ravel())
+    return _common(column) or Rows(matrix_of(column, size).ravel())
