@@ -21,7 +21,6 @@ from parapod.sims.cli.arguments import (
 from parapod.systems.core.errors import OutputError
 
 if TYPE_CHECKING:
-    from parapod.sims.lab.experiment import Experiment
     from parapod.sims.output.results import Result
 
 HELP = "run an experiment and check its bounds"
@@ -82,7 +81,7 @@ def execute(arguments: argparse.Namespace) -> int:
     print_of(arguments, arguments.figure_format)  # refused before the run
     experiment, scenario = load(arguments)
     if arguments.seeds is not None:
-        return _sweep(experiment, scenario, arguments)
+        return _run_seeds(scenario, arguments)
 
     from rich.console import Console
 
@@ -161,22 +160,21 @@ def _open(result: "Result") -> None:
     webbrowser.open(Path(page.name).as_uri())
 
 
-def _sweep(
-    experiment: "Experiment[Any, Any]", scenario: Any, arguments: argparse.Namespace
-) -> int:
+def _run_seeds(scenario: Any, arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from parapod.sims.lab.sweep import as_json, print_spread, run_seeds
     from parapod.sims.output.atomic import write_json
+    from parapod.sims.study.seeds import run_seeds
+    from parapod.sims.study.summary import print_summary
 
     for option in _ALONE:
         if getattr(arguments, option):
             raise UsageError(f"--{option} shows a single run and does not go with --seeds")
     if scenario.backend == "hardware":
-        raise UsageError("--seeds runs simulations one after the other; the backend is hardware")
-    results = run_seeds(experiment, scenario, arguments.seeds, Console(stderr=True))
-    print_spread(results, Console())
+        raise UsageError("--seeds runs simulations; the backend is hardware")
+    result = run_seeds(arguments.name, scenario, arguments.seeds, Console(stderr=True))
+    print_summary(result.summary, Console())
     if arguments.json is not None:
-        write_json(arguments.json, as_json(results))
+        write_json(arguments.json, result.summary.as_json())
         print(f"wrote {arguments.json}")
-    return HELD if all(result.passed for result in results) else BROKEN
+    return HELD if result.summary.passed == arguments.seeds else BROKEN

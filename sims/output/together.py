@@ -5,6 +5,7 @@ that comes to a simulation waits there until all others do or are done; loops of
 then simulated as rows. So an experiment need not know of the others.
 """
 
+import gc
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -94,6 +95,7 @@ class Together:
         while guests := self._gather(waiting):
             while wishes := [guest for guest in guests if guest.wish is not None]:
                 for guests_alike in _alike(wishes):
+                    gc.collect()  # rows of before, which know each other in circles
                     answers = _simulated([guest.wish for guest in guests_alike])
                     for guest, answer in zip(guests_alike, answers, strict=True):
                         guest.answer(answer)

@@ -2,8 +2,10 @@
 
 import base64
 import io
+import math
 import re
 import shlex
+import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +13,6 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from parapod.sims.lab.pages import render_page
-from parapod.sims.lab.sweep import as_json
 from parapod.sims.output.results import Result
 from parapod.sims.report.chapter import Picture, Relation, Tone
 from parapod.sims.report.run import ChapterRun, PartRun
@@ -87,7 +88,6 @@ def _part(run: PartRun, others: Mapping[str, Result], quick: bool) -> dict[str, 
     """Content of a part; `others` are the results of all of them."""
     part = run.part
     overrides = [*part.overrides, *(part.quick if quick else ())]
-    spreads = as_json(run.seeds) if run.seeds else {}
     before = others.get(part.adds_to)
     metrics, figures, notes = (
         [item for item in _shown(run.result, what) if not _is_among(item, _shown(before, what))]
@@ -100,7 +100,7 @@ def _part(run: PartRun, others: Mapping[str, Result], quick: bool) -> dict[str, 
         "command": shlex.join(
             ["parapod", "run", part.experiment, *(["--set", *overrides] if overrides else [])]
         ),
-        "metrics": [(metric, _spread(spreads.get(metric.key))) for metric in metrics],
+        "metrics": [(metric, _spread(run, metric.key)) for metric in metrics],
         "figures": figures,
         "notes": notes,
     }
@@ -118,11 +118,15 @@ def _is_among(item: Any, others: Sequence[Any]) -> bool:
     return item in others
 
 
-def _spread(spread: Mapping[str, float | None] | None) -> str:
-    """Smallest, middle and largest value; empty if there is one seed only."""
-    if spread is None:
+def _spread(run: PartRun, key: str) -> str:
+    """Smallest, middle and largest value of a metric; empty if there is one seed only."""
+    values = [one.value for result in run.seeds for one in result.metrics if one.key == key]
+    if not values:
         return ""
-    return " / ".join("-" if value is None else f"{value:.3g}" for value in spread.values())
+    if any(map(math.isnan, values)):
+        return "- / - / -"
+    spread = min(values), statistics.median(values), max(values)
+    return " / ".join(f"{value:.3g}" if math.isfinite(value) else "-" for value in spread)
 
 
 def _indexed(text: str) -> Markup:

@@ -8,10 +8,10 @@ from typing import Any
 from rich.console import Console
 
 from parapod.sims.lab.discovery import find_entry
-from parapod.sims.lab.sweep import run_seeds
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.results import Result
 from parapod.sims.report.chapter import Chapter, Check, Numbers, Part, Picture
+from parapod.sims.study.seeds import results_of, run_seeds
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.installed import installed
 from parapod.systems.core.scenario_file import load_scenario
@@ -114,7 +114,7 @@ def _run_part(part: Part, quick: bool, seeds: int, console: Console) -> PartRun:
         result = experiment.execute(scenario, RunOptions(console=console))
         more: tuple[Result, ...] = ()
         if seeds and part.is_random and not quick:
-            more = run_seeds(experiment, scenario, seeds, console)
+            more = results_of(run_seeds(entry.name, scenario, seeds, console))
     except ParapodError as error:
         return PartRun(part, None, (), time.monotonic() - started, str(error))
     return PartRun(part, result, more, time.monotonic() - started)

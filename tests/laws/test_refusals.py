@@ -142,7 +142,7 @@ REFUSALS = [
         (f"run level --seeds={n}", rf"argument --seeds: must be a whole .*, not '{n}' .*")
         for n in ("0", "-1", "1.5", "many")
     ),
-    ("run level --seeds 2 --backend hardware", r"--seeds runs simulations .* is hardware"),
+    ("run level --seeds 2 --backend hardware", r"--seeds runs simulations; .* is hardware"),
     # --- jobs of the platform that do not fit
     (
         f"run level --backend kinematic --set {_STEEP}",
