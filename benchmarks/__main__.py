@@ -25,6 +25,7 @@ from benchmarks import (
     loop,
     mutants,
     realtime,
+    rows,
     scale,
     terrain,
 )
@@ -33,6 +34,7 @@ from benchmarks.report import Measurement, make_console, print_measurements
 _GROUPS: dict[str, Callable[[Console], list[Measurement]]] = {
     "kinematics": lambda _: kinematics.run(),
     "realtime": realtime.run,
+    "rows": rows.run,
     "arm": arm.run,
     "accuracy": accuracy.run,
     "chair": chair.run,
