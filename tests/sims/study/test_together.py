@@ -1,0 +1,102 @@
+"""Runs of a study that are simulated together."""
+
+import pytest
+
+import parapod
+from parapod.sims.output.together import Granted, Together, Wish
+from parapod.sims.study.runs import carry_out_runs
+from parapod.sims.study.study import Study
+
+BRIEF = ("backend=kinematic", "job.estimate_at=0.5", "job.end=1.5", "job.settled_after=0.5",
+         "job.waypoints=[]", "job.arm={start: 0.5, duration: 0.5}")  # fmt: skip
+
+
+def outcomes(vary, rows):
+    study = Study.make("level", parapod.scenario("level", *BRIEF), vary)
+    pieces = [(run, study.sampling.values(run)) for run in range(study.sampling.runs)]
+    return carry_out_runs(study.order, rows, pieces)
+
+
+@pytest.mark.parametrize("rows", [9, None])
+def test_runs_together_are_the_runs_alone(rows):
+    # 8 deg cannot be levelled; a height makes a structure of its own, of a few runs.
+    vary = {"ground.pitch_deg": "-1,8,2", "seed": "0:5", "job.height_mm": "476,478"}
+    assert outcomes(vary, rows) == (alone := outcomes(vary, 1))
+    assert [bool(outcome.error) for outcome in alone].count(True) == 10
+    assert "would need an extension" in next(o.error for o in alone if o.error)
+
+
+class Loop:
+    """A loop for which nothing is simulated."""
+
+
+def fake(simulated):
+    """Takes the place of simulations: a run gets its own number and that of all."""
+
+    def grant(wishes):
+        simulated.append([wish.begin for wish in wishes])
+        for wish in wishes:
+            yield ValueError("failed") if wish.begin < 0 else Granted(wish.begin, len(wishes))
+
+    return grant
+
+
+def run(together, number, structures=("a",)):
+    """A run that simulates once for each structure."""
+
+    def work():
+        granted = [together.simulate(Wish(s, Loop(), number, 1.0)) for s in structures]
+        return number, [(g.recording, g.elapsed) for g in granted]
+
+    return work
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    runs = []
+    monkeypatch.setattr("parapod.sims.output.together._simulated", fake(runs))
+    monkeypatch.setattr("parapod.sims.output.together.bytes_of_row", lambda loop, duration: 2**26)
+    return runs
+
+
+def test_results_come_in_the_order_of_the_works_and_structures_apart(simulated):
+    together = Together()
+    works = [run(together, i, ("even", "last") if i % 2 == 0 else ("odd",)) for i in range(5)]
+    assert list(together.carry_out(works)) == [
+        (i, [(i, 3), (i, 3)] if i % 2 == 0 else [(i, 2)]) for i in range(5)
+    ]
+    assert simulated == [[0, 2, 4], [1, 3], [0, 2, 4]]
+
+
+def test_no_more_rows_than_asked_for_or_than_fit_the_memory(simulated):
+    together = Together(2)
+    list(together.carry_out(run(together, i) for i in range(5)))
+    assert simulated == [[0, 1], [2, 3], [4]]
+    simulated.clear()
+    together = Together()
+    list(together.carry_out(run(together, i) for i in range(13)))
+    assert simulated == [list(range(12)), [12]]  # 12 times 64 MiB
+
+
+def test_a_run_that_simulates_nothing_holds_up_none(simulated):
+    together = Together()
+    works = [lambda: "nothing", run(together, 1), run(together, 2)]
+    assert list(together.carry_out(works)) == ["nothing", (1, [(1, 2)]), (2, [(2, 2)])]
+
+
+def test_a_row_that_fails_raises_in_its_own_run(simulated):
+    together = Together()
+
+    def careful():
+        try:
+            return run(together, -1)()
+        except ValueError as error:
+            return str(error)
+
+    assert list(together.carry_out([run(together, 1), careful])) == [(1, [(1, 2)]), "failed"]
+    with pytest.raises(ValueError, match="failed"):
+        list(together.carry_out([run(together, -1)]))
+
+
+def test_outside_a_gathering_a_run_is_to_simulate_alone():
+    assert Together().simulate(Wish("a", Loop(), 1, 1.0)) is None
