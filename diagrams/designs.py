@@ -1,5 +1,6 @@
 """Designs of machines: checks that hold for all kinds of them."""
 
+import copy
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
@@ -12,6 +13,8 @@ from parapod.systems.core.schema import Options, fields_of
 # Ratio of a length to the usual one beyond which it is taken for one in another unit [-], and the
 # shortest usual length of which that can be said [mm].
 _ANOTHER_UNIT, _SHORTEST = 100.0, 5.0
+# The machine that was checked last: the runs of a study mostly have one.
+_sound: list[Any] = []
 
 
 def check_design(machine: Any) -> None:
@@ -25,6 +28,8 @@ def check_design(machine: Any) -> None:
     Raises:
         ScenarioError: names the key.
     """
+    if _sound and _sound[-1] == machine:
+        return
     for key, part, usual in _parts(machine, _published(machine), "machine"):
         if isinstance(part, BodyScenario):
             part.check(key)
@@ -36,6 +41,9 @@ def check_design(machine: Any) -> None:
         _ = machine.geometry  # which refuses what cannot be built
     if hasattr(machine, "check"):
         machine.check()
+    # Files that a machine is read from may change.
+    if not _is_read(machine, "urdf", "file"):
+        _sound[:] = [copy.deepcopy(machine)]
 
 
 def is_published(machine: Any) -> bool:
@@ -45,12 +53,18 @@ def is_published(machine: Any) -> bool:
         machine: the part `machine` of a scenario.
     """
     usual = _published(machine)
-    if any(getattr(part, "urdf", "") for _, part, _ in _parts(machine, usual, "machine")):
+    if _is_read(machine, "urdf"):
         return False
     names = [name for name in ("geometry", "bodies") if name in dir(machine)]
     if not names:  # a kind of one's own, without the bodies of parapod's
         return bool(machine == usual)
     return all(getattr(machine, name) == getattr(usual, name) for name in names)
+
+
+def _is_read(machine: Any, *names: str) -> bool:
+    """Whether a part of a machine is read from a file that an attribute of these names has."""
+    parts = _parts(machine, _published(machine), "machine")
+    return any(getattr(part, name, "") for _, part, _ in parts for name in names)
 
 
 def _published(machine: Any) -> Any:
