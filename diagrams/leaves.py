@@ -29,26 +29,25 @@ def flattened(diagram: Diagram) -> tuple[list[System], Sources]:
 
 def _collect(diagram: Diagram, position: dict[int, int], sources: Sources) -> None:
     for (reader, input_port), (giver, output_port) in diagram.connection_map().items():
-        giver, output_port = _output(giver, output_port)
+        giver, output_port = output_of_leaf(giver, output_port)
         source = position[id(giver)], int(output_port)
-        for leaf, port in _inputs(reader, input_port):
+        for leaf, port in inputs_of_leaves(reader, input_port):
             sources[position[id(leaf)], int(port)] = source
     for part in diagram.GetSystems():
         if isinstance(part, Diagram):
             _collect(part, position, sources)
 
 
-def _output(system: Any, port: Any) -> tuple[System, Any]:
+def output_of_leaf(system: Any, port: Any) -> tuple[System, Any]:
     """The leaf system's output that a system shows."""
     while isinstance(system, Diagram):
         system, port = system.get_output_port_locator(port)
     return system, port
 
 
-def _inputs(system: Any, port: Any) -> list[tuple[System, Any]]:
+def inputs_of_leaves(system: Any, port: Any) -> list[tuple[System, Any]]:
     """Inputs of leaf systems that a system hands an input to."""
     if not isinstance(system, Diagram):
         return [(system, port)]
-    return [
-        leaf for part, index in system.GetInputPortLocators(port) for leaf in _inputs(part, index)
-    ]
+    locators = system.GetInputPortLocators(port)
+    return [leaf for part, index in locators for leaf in inputs_of_leaves(part, index)]

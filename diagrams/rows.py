@@ -6,7 +6,8 @@ of events is that of Drake's Simulator.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,11 @@ from pydrake.systems.framework import (
     Diagram,
     DiscreteStateIndex,
     NumericParameterIndex,
+    System,
 )
 from pydrake.systems.primitives import VectorLogSink
 
-from parapod.diagrams.leaves import flattened
+from parapod.diagrams.leaves import flattened, inputs_of_leaves, output_of_leaf
 from parapod.diagrams.primitives import find_laws
 from parapod.systems.core import rows as rows_module
 from parapod.systems.core.leaf_system import (
@@ -128,7 +130,7 @@ class Signal:
         self._chunks[-1] = chunk, rows, count + 1
 
     def row(self, row: int) -> Floats:
-        """Samples (n, size) of a row that has not ended."""
+        """Samples (n, size) of a row; those after its end mean nothing."""
         block, position = divmod(row, _BLOCK)
         if self._block[0] != block:
             self._block = block, self._rows(block * _BLOCK)
@@ -146,6 +148,25 @@ class Signal:
                 part = chunk[:count].take(places, axis=2, mode="clip")
             parts.append(part)
         return np.concatenate(parts) if parts else np.empty((0, self._size, _BLOCK))
+
+
+# Looks at rows, by their numbers, and says which of them end.
+type Look = Callable[[Sequence[int]], Sequence[int]]
+
+
+@dataclass(frozen=True)
+class End:
+    """A row that has ended before the others.
+
+    Attributes:
+        time: time at its end [s].
+        samples: number of samples that it has.
+        state: by system, the groups of its state.
+    """
+
+    time: float
+    samples: int
+    state: Sequence[Sequence[Any]]
 
 
 class RowsSimulator:
@@ -174,6 +195,8 @@ class RowsSimulator:
         self.errors: dict[int, Exception] = {}
         self.one_by_one: set[str] = set()
         self._failed: dict[int, Exception] = {}
+        self._ends: dict[int, End] = {}
+        self._ports: dict[tuple[int, str], tuple[Leaf, int, bool]] = {}
         self._leaves = [Leaf(system, find_laws(system), self) for system in systems]
         for (reader, port), (giver, output) in sources.items():
             self._leaves[reader].sources[port] = self._leaves[giver], output
@@ -193,34 +216,86 @@ class RowsSimulator:
         leaf = next(leaf for leaf in self._leaves if leaf.system is sink)
         self._logs[name] = leaf, Signal(sink.get_input_port().size())
 
-    def advance_to(self, until: float, period: float) -> None:
+    def advance_to(self, until: float, period: float, look: Look | None = None) -> None:
         """Simulates all rows that go on.
 
         Args:
             until: time at the end [s].
             period: time between two samples of the logs [s].
+            look: called after each step, as a monitor of Drake's Simulator; gives the rows that
+                end, by their numbers.
         """
         rows_module.at_work, before = True, rows_module.at_work
         try:
             with np.errstate(all="ignore", divide="raise"):
-                self._advance_to(until, period)
+                self._advance_to(until, period, look)
         finally:
             rows_module.at_work = before
 
-    def times(self) -> Floats:
-        """Times of the samples [s]."""
-        return np.array(self._logged_at)
+    def times(self, row: int) -> Floats:
+        """Times of the samples of a row [s]."""
+        return np.array(self._logged_at[: self._count(row)])
 
     def signal(self, name: str, row: int) -> Floats:
         """Samples (n, size) of a log in a row."""
-        return self._logs[name][1].row(row)
+        return self._logs[name][1].row(row)[: self._count(row)]
 
-    def _advance_to(self, until: float, period: float) -> None:
+    def _count(self, row: int) -> int:
+        return self._ends[row].samples if row in self._ends else len(self._logged_at)
+
+    def value(self, system: System, port: str, row: int) -> Floats:
+        """Present value of an output, or of an input, of a system of the diagram in a row."""
+        key = id(system), port
+        if key not in self._ports:
+            self._ports[key] = self._leaf_port(system, port)
+        leaf, index, is_output = self._ports[key]
+        position = int(np.searchsorted(self.rows, row))
+        numbers = leaf.output(index) if is_output else leaf.input(index)
+        return np.array(RowsContext(leaf, position).taken(numbers or []))
+
+    def _leaf_port(self, system: Any, port: str) -> tuple[Leaf, int, bool]:
+        """The leaf system's port that a system's shows, and whether it is an output."""
+        is_output = system.HasOutputPort(port)
+        if is_output:
+            found, index = output_of_leaf(system, system.GetOutputPort(port).get_index())
+        else:
+            found, index = inputs_of_leaves(system, system.GetInputPort(port).get_index())[0]
+        leaf = next(leaf for leaf in self._leaves if leaf.system is found)
+        return leaf, int(index), is_output
+
+    def write(self, row: int, root: Context) -> None:
+        """Puts a context, which has the row's parameters, to its present time and state."""
+        end = self._ends.get(row) or self._end(int(np.searchsorted(self.rows, row)))
+        root.SetTime(end.time)
+        for leaf, groups in zip(self._leaves, end.state, strict=True):
+            own = leaf.system.GetMyMutableContextFromRoot(root)
+            for g, group in enumerate(groups):
+                own.SetDiscreteState(g, np.array(group))
+
+    def _end(self, position: int) -> "End":
+        state = [
+            [RowsContext(leaf, position).taken(group) for group in leaf.state]
+            for leaf in self._leaves
+        ]
+        return End(self.time, len(self._logged_at), state)
+
+    def _look(self, look: Look | None) -> None:
+        if look is None or not self.rows.size:
+            return
+        ending = look(self.rows.tolist())
+        positions = np.searchsorted(self.rows, ending).tolist()
+        for row, position in zip(ending, positions, strict=True):
+            self._ends[row] = self._end(position)
+        if positions:
+            self.drop(positions)
+
+    def _advance_to(self, until: float, period: float, look: Look | None) -> None:
         if not self._is_initialized:
             self._is_initialized = True
             initial = [(leaf, law) for leaf in self._leaves for law in leaf.laws.initial]
             self._update(initial)
             self._record(period)
+            self._look(look)
         while self.rows.size:
             if self.time >= until:
                 return
@@ -231,6 +306,7 @@ class RowsSimulator:
             self.time = min(following, until)
             self._forget(self._dependents.get(_TIME, ()))
             self._record(period)
+            self._look(look)
 
     def _record(self, period: float) -> None:
         if not self._logs or not _is_due(period, 0.0, self.time):

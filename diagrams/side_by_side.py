@@ -1,15 +1,21 @@
 """Closed loops of many scenarios, simulated together."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-from pydrake.systems.framework import Context
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, EventStatus, System
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
 from parapod.diagrams.rows import RowsSimulator
 from parapod.systems.core.errors import ParapodError, ScenarioError
+from parapod.systems.core.leaf_system import RootOfRow
 from parapod.systems.core.schema import differing, plain
 
 
@@ -66,24 +72,43 @@ class LoopRows[S]:
         """
         return bytes_of_row(self.loop, duration)
 
-    def advance_to(self, until: float) -> None:
+    def advance_to(
+        self, until: float, monitors: Sequence[Callable[[Any], EventStatus] | None] = ()
+    ) -> None:
         """Simulates all rows that go on.
 
         Args:
             until: time at the end [s].
+            monitors: for each row one as Drake's Simulator has it, which may end the row, or None;
+                called with a `RowOfLoop`.
 
         Raises:
             ParapodError: more rows than memory.
         """
         needed = len(self.scenarios) * self.bytes_for(until - self._simulator.time)
-        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        free = _free_memory()
         if needed > free:
             raise ParapodError(
                 f"{len(self.scenarios)} rows need {needed / 2**30:.1f} GiB to record "
                 f"{until:g} s, and {free / 2**30:.1f} GiB are free: record fewer signals, or take "
                 f"at most {int(free * len(self.scenarios) / needed)} rows at a time"
             )
-        self._simulator.advance_to(until, self.period)
+        look = None
+        if any(monitors):
+            watched = {
+                row: (monitor, RowOfLoop(self._simulator, row))
+                for row, monitor in enumerate(monitors)
+                if monitor is not None
+            }
+            look = partial(_ending, watched, self._simulator.errors)
+        self._simulator.advance_to(until, self.period, look)
+
+    def context(self, row: int) -> Context:
+        """A root context of the loop as it is at the end of a row."""
+        root = self.loop.CreateDefaultContext()
+        self.loop.reset(root, self.scenarios[row])
+        self._simulator.write(row, root)
+        return root
 
     def recording(self, row: int) -> Recording:
         """Signals of a row.
@@ -96,7 +121,54 @@ class LoopRows[S]:
         names = self.loop.logs
         signals = {name: self._simulator.signal(name, row) for name in names}
         units = {name: self.loop.machine.unit(name) for name in names}
-        return Recording(self._simulator.times(), signals, units)
+        return Recording(self._simulator.times(row), signals, units)
+
+
+class RowOfLoop(RootOfRow):
+    """A row in place of its root context: time, and values of ports by `value_of`."""
+
+    def __init__(self, simulator: RowsSimulator, row: int):
+        self._simulator, self._row = simulator, row
+
+    def get_time(self) -> float:
+        """Time [s]."""
+        return self._simulator.time
+
+    def value(self, system: System, port: str) -> NDArray[np.float64]:
+        """Present value of a port of a system of the loop."""
+        return self._simulator.value(system, port, self._row)
+
+
+_GOING_ON = (EventStatus.Severity.kDidNothing, EventStatus.Severity.kSucceeded)
+
+
+def _ending(
+    watched: Mapping[int, tuple[Callable[[Any], EventStatus], RowOfLoop]],
+    errors: dict[int, Exception],
+    rows: Sequence[int],
+) -> list[int]:
+    """Rows that their monitors end, or fail at."""
+    ending = []
+    for row in rows:
+        if row in watched:
+            monitor, root = watched[row]
+            try:
+                is_over = monitor(root).severity() not in _GOING_ON
+            except Exception as error:
+                errors[row], is_over = error, True
+            if is_over:
+                ending.append(row)
+    return ending
+
+
+def _free_memory() -> int:
+    """Memory that programs can have, files that are kept in it included [B]."""
+    with suppress(OSError):
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            name, _, amount = line.partition(":")
+            if name == "MemAvailable":
+                return 1024 * int(amount.split()[0])
+    return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def bytes_of_row(loop: ClosedLoop[Any], duration: float) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from pydrake.systems.framework import Context, EventStatus
@@ -21,17 +22,22 @@ class Run(Recording):
 
     Attributes:
         loop: the closed loop that was built for it.
-        context: root context at the end of the run; None where it was a row among others.
+        root: gives the root context at the end of the run.
         elapsed: wall-clock time of the simulation [s].
         panel: the page on which it was shown, or None.
         again: carries it out once more, in real time where it was shown.
     """
 
     loop: ClosedLoop[Any]
-    context: Any
+    root: Callable[[], Context]
     elapsed: float
     panel: Panel | None
     again: Callable[[], float]
+
+    @cached_property
+    def context(self) -> Context:
+        """Root context at the end of the run."""
+        return self.root()
 
     @property
     def realtime_factor(self) -> float:

@@ -231,15 +231,16 @@ class Runner:
         closed_loop.require(signals_needed)
         if options.graphviz is not None:
             write_graphviz(options.graphviz, BlockDiagram(closed_loop))
-        if reset_to is not None and monitor is None and options.together is not None:
-            wish = Wish((structure, log), closed_loop, reset_to, duration)
+        if reset_to is not None and options.together is not None:
+            look = monitor(closed_loop, None) if monitor is not None else None
+            wish = Wish((structure, log), closed_loop, reset_to, duration, look)
             if (granted := options.together.simulate(wish)) is not None:
                 return Run(
                     granted.recording.time,
                     granted.recording.signals,
                     granted.recording.units,
                     closed_loop,
-                    None,
+                    granted.context,
                     granted.elapsed,
                     None,
                     lambda: granted.elapsed,
@@ -288,7 +289,7 @@ class Runner:
             recorded.signals,
             recorded.units,
             closed_loop,
-            simulator.get_context(),
+            simulator.get_context,
             elapsed,
             panel,
             again,

@@ -274,6 +274,11 @@ class Deploy(LoopExperiment[DeployScenario, Operation]):
         """See `LoopExperiment`."""
         return scenario.levelling
 
+    def structure(self, scenario: DeployScenario) -> str:
+        """See `LoopExperiment`; the operator's script is built in."""
+        script = scenario.steps(), scenario.posture
+        return f"{self.machine.structure(scenario.levelling)} {script!r}"
+
     def operated(
         self, scenario: DeployScenario, controls: Any, meshcat: Meshcat | None = None
     ) -> ClosedLoop[LevellingScenario]:

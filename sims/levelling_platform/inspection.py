@@ -230,6 +230,10 @@ class Inspect(LoopExperiment[InspectScenario, Run]):
 
         return Live(panel, loop, read_out).obey
 
+    def structure(self, scenario: InspectScenario) -> str:
+        """See `LoopExperiment`; all of it but what the machine is reset to."""
+        return self.machine.structure(scenario)
+
     def scene(self, scenario: InspectScenario) -> Meshcat:
         """The ground's slope against a horizontal floor."""
         return make_scene(scenario, with_arm=True)

@@ -137,6 +137,10 @@ class TipHold(LoopExperiment[TipHoldScenario, Run]):
         }
         return ClosedLoop(PLATFORM, scenario, **(parts | options))
 
+    def structure(self, scenario: TipHoldScenario) -> str:
+        """See `LoopExperiment`; all of it but what the machine is reset to."""
+        return self.machine.structure(scenario)
+
     def scene(self, scenario: TipHoldScenario) -> Meshcat:
         """The ground's slope against a horizontal floor."""
         return make_scene(scenario, with_arm=True)

@@ -10,7 +10,10 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
+
+from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
@@ -35,12 +38,14 @@ class Wish:
         loop: a loop of the structure.
         begin: the machine's scenario that it begins with.
         duration: end of the run [s].
+        monitor: may end it, as a simulator's; None: it goes to its end.
     """
 
     structure: Hashable
     loop: ClosedLoop[Any]
     begin: Any
     duration: float
+    monitor: Callable[[Any], EventStatus] | None = None
 
 
 @dataclass(frozen=True)
@@ -50,10 +55,12 @@ class Granted:
     Attributes:
         recording: its signals.
         elapsed: its share of the wall-clock time [s].
+        context: makes the root context at its end.
     """
 
     recording: Recording
     elapsed: float
+    context: Callable[[], Context]
 
 
 class Together:
@@ -187,10 +194,12 @@ def _simulated(wishes: Sequence[Any]) -> Iterator[Granted | Exception | None]:
     started = time.perf_counter()
     try:
         rows = LoopRows(first.loop, [wish.begin for wish in wishes])
-        rows.advance_to(first.duration)
+        rows.advance_to(first.duration, [wish.monitor for wish in wishes])
     except ParapodError:  # no laws over rows
         yield from (None for _ in wishes)
         return
     elapsed = (time.perf_counter() - started) / len(wishes)
     for row in range(len(wishes)):
-        yield rows.errors.get(row) or Granted(rows.recording(row), elapsed)
+        yield rows.errors.get(row) or Granted(
+            rows.recording(row), elapsed, partial(rows.context, row)
+        )

@@ -91,6 +91,10 @@ class BenchExperiment[S, D](LoopExperiment[S, D]):
         """Builds the closed loop, in a scene with the terrain beside the bench."""
         return walking_loop(self.machine_scenario(scenario), **options)
 
+    def structure(self, scenario: S) -> str:
+        """See `LoopExperiment`; all of the bench but what it is reset to."""
+        return self.machine.structure(self.machine_scenario(scenario))
+
     def scene(self, scenario: S) -> Meshcat:
         """A scene around the bench, seen from its near side."""
         x, z = self.machine_scenario(scenario).walk.hip

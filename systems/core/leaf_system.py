@@ -7,6 +7,7 @@ runs. Derive from it in place of pydrake's, and read inputs through `parapod.sys
 nothing else changes.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
@@ -346,6 +347,18 @@ class RowsContext:
         if any(other is not first and other.get_value() != first.get_value() for other in others):
             raise TypeError("rows with different objects are taken one at a time")
         return first
+
+
+class RootOfRow(ABC):
+    """A row of many runs where a root context is looked at, see `ports.value_of`."""
+
+    @abstractmethod
+    def get_time(self) -> float:
+        """Time [s]."""
+
+    @abstractmethod
+    def value(self, system: System, port: str) -> NDArray[np.float64]:
+        """Present value of a port."""
 
 
 def zeros_for(size: int) -> Vector:

@@ -30,7 +30,7 @@ from pydrake.systems.framework import (
 )
 
 from parapod.systems.core.errors import WiringError
-from parapod.systems.core.leaf_system import LeafSystem, RowsContext, Vector
+from parapod.systems.core.leaf_system import LeafSystem, RootOfRow, RowsContext, Vector
 from parapod.systems.core.rows import array_of
 from parapod.systems.core.switching import switched
 
@@ -152,12 +152,14 @@ def declare_cached(
     return Cached(entry.cache_index(), entry.ticket())
 
 
-def value_of(system: System, port: str, root_context: Context) -> NDArray[np.float64]:
+def value_of(system: System, port: str, root_context: Context | RootOfRow) -> NDArray[np.float64]:
     """Present value of a system's output, or of its input, found by name in a whole diagram.
 
     Raises:
         WiringError: the system has no such port.
     """
+    if isinstance(root_context, RootOfRow):
+        return root_context.value(system, port)
     if system.HasOutputPort(port):
         port_found: Any = system.GetOutputPort(port)
     elif system.HasInputPort(port):
