@@ -7,6 +7,7 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core import quaternions
+from parapod.systems.core.elementwise import total
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read, read_or_zeros
 from parapod.systems.core.triples import cross, plus
@@ -65,7 +66,7 @@ class ArmTip(LeafSystem):
         w_x, w_y, w_z, v_x, v_y, v_z = read_or_zeros(self._velocity, context)
         turning, place = (w_x, w_y, w_z), axes.in_world(self._arm.tip_pose(position).place)
         rows = self._arm.tip_jacobian(position)
-        own = [sum(map(mul, row, rate)) for row in rows]
+        own = [total(map(mul, row, rate)) for row in rows]
         angular = plus(turning, axes.in_world(own[:3]))
         linear = plus(plus((v_x, v_y, v_z), cross(turning, place)), axes.in_world(own[3:]))
         output.SetFromVector(np.array([*angular, *linear]))

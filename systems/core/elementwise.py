@@ -7,7 +7,7 @@ warning, which a caller who expects NaN silences with `nan_without_warning`), in
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,6 +93,25 @@ def log(x: Elementwise) -> Elementwise:
 def length_of(x: Elementwise, y: Elementwise, z: Elementwise = 0.0) -> Elementwise:
     """Length of a vector, whose squares are neither too large nor too small for floats."""
     return sqrt(x * x + y * y + z * z)
+
+
+def total(numbers: Iterable[Elementwise]) -> Elementwise:
+    """Sum as the builtin `sum` has it: what rounding takes from floats is added at the end.
+
+    That is Neumaier's method, "Rundungsfehleranalyse einiger Verfahren zur Summation endlicher
+    Summen", 1974, which Python has from 3.12 on.
+    """
+    numbers = list(numbers)
+    if not any(type(number) is Rows for number in numbers):
+        return sum(numbers)
+    result: Any = 0.0
+    lost: Any = 0.0
+    for number in numbers:
+        after = result + number
+        is_larger = abs(result) >= abs(number)
+        lost = lost + where(is_larger, (result - after) + number, (number - after) + result)
+        result = after
+    return where(is_finite(lost), result + lost, result)
 
 
 def copysign(x: Elementwise, sign: Elementwise) -> Elementwise:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.elementwise import total
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read, read_or_zeros
@@ -509,7 +510,7 @@ class _Look:
                 math.cos(pitch) * math.sin(roll),
                 math.cos(pitch) * math.cos(roll),
             )
-            along = sum(a * v for a, v in zip(accel, vertical, strict=True)) / force
+            along = total(a * v for a, v in zip(accel, vertical, strict=True)) / force
             if not along >= math.cos(params.vertical):
                 signs.add(Finding.ACCEL_MISMATCH)
         if not self._read("age")[1] <= self._oldest:

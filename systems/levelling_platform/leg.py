@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from parapod.systems.core import quaternions
-from parapod.systems.core.elementwise import Elementwise, atan2, sqrt
+from parapod.systems.core.elementwise import Elementwise, atan2, sqrt, total
 from parapod.systems.core.triples import Vector3, dot, minus, plus, scaled
 from parapod.systems.levelling_platform.geometry import LegGeometry
 from parapod.systems.levelling_platform.plane import about_vertical, to_world
@@ -117,7 +117,7 @@ def footprint(legs: Sequence[LegGeometry], ground: tuple[float, float]) -> list[
     """
     middles = [0.5 * (leg.extension_min + leg.extension_max) for leg in legs]
     vectors = [to_world(vector, *ground) for vector in _feet_below(legs, middles)]
-    x, y = (sum(part) / len(legs) for part in list(zip(*vectors, strict=True))[:2])
+    x, y = (total(part) / len(legs) for part in list(zip(*vectors, strict=True))[:2])
     return [(x - f_x, y - f_y) for f_x, f_y, _ in vectors]
 
 

@@ -22,6 +22,7 @@ from parapod.systems.core.elementwise import (
     negated,
     sin_cos,
     sqrt,
+    total,
     where,
 )
 from parapod.systems.core.physics import GRAVITY
@@ -577,7 +578,7 @@ def _share(footing: _Footing, rises: list[float], stiffness: list[float], slope:
         return 1.0
     # The slope is linear between instants at which a support begins or ceases to carry.
     changes = sorted((-d / rise, k * rise * abs(rise)) for d, rise, k in springs if d * rise < 0.0)
-    curvature = sum(k * rise * rise for d, rise, k in springs if d > 0.0 or d == 0.0 < rise)
+    curvature = total(k * rise * rise for d, rise, k in springs if d > 0.0 or d == 0.0 < rise)
     begin = 0.0
     for end, change in changes:
         after = slope + curvature * (end - begin)
@@ -586,7 +587,7 @@ def _share(footing: _Footing, rises: list[float], stiffness: list[float], slope:
         begin, slope, curvature = end, after, curvature + change
     else:
         # Without what rounding has left of those that have ceased.
-        curvature = sum(k * rise * rise for _, rise, k in springs if rise > 0.0)
+        curvature = total(k * rise * rise for _, rise, k in springs if rise > 0.0)
     return begin - slope / curvature if curvature else math.inf
 
 
