@@ -1,12 +1,12 @@
 """Pushes on a platform, and a payload at the tip of its arm, as a plant takes them."""
 
 from collections.abc import Sequence
-from math import sumprod
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues
 
 from parapod.systems.arm.serial_arm import SerialArm
+from parapod.systems.core.elementwise import sumprod
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read, read_or_zeros

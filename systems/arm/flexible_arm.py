@@ -4,7 +4,6 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import sumprod
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.rod_motion import NO_FORCE, ClampMotion, RodMotion, Tip
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.core import quaternions
+from parapod.systems.core.elementwise import sumprod
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, read, read_or_zeros

@@ -20,7 +20,6 @@ the numbers of a state and of a motion are floats, or arrays of one shape.
 
 import math
 from collections.abc import Sequence
-from math import sumprod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm  # type: ignore[import-untyped]
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
-from parapod.systems.core.elementwise import Elementwise, sin_cos
+from parapod.systems.core.elementwise import Elementwise, sin_cos, sumprod
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.triples import cross, plus
 from parapod.systems.core.vectors import Array

@@ -114,6 +114,15 @@ def total(numbers: Iterable[Elementwise]) -> Elementwise:
     return where(is_finite(lost), result + lost, result)
 
 
+def sumprod(p: Sequence[Elementwise], q: Sequence[Elementwise]) -> Elementwise:
+    """Sum of products as `math.sumprod` has it, which rounds once."""
+    size = next((x.values.size for x in (*p, *q) if type(x) is Rows), None)
+    if size is None:
+        return math.sumprod(p, q)
+    rows = (matrix_of(vector, size).T.tolist() for vector in (p, q))
+    return Rows(np.fromiter(map(math.sumprod, *rows), np.float64, size))
+
+
 def copysign(x: Elementwise, sign: Elementwise) -> Elementwise:
     """Magnitude of x with another number's sign, of floats or rows."""
     if type(x) is Rows or type(sign) is Rows:

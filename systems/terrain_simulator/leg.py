@@ -7,7 +7,6 @@ z up. So it serves any leg that a URDF describes, whatever the number of its joi
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import sumprod
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context
 
+from parapod.systems.core.elementwise import sumprod
 from parapod.systems.core.errors import ParapodError, UnreachablePosture
 
 # Newton steps with which a posture is sought, and the error that ends them [m].

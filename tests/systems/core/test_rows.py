@@ -22,6 +22,7 @@ from parapod.systems.core.elementwise import (
     quotient,
     sin_cos,
     sqrt,
+    sumprod,
     total,
     where,
 )
@@ -89,6 +90,7 @@ LAWS = {
     ),
     "ways": lambda a, b, c: (a if a > b else b * c) if c > 0.0 else (-a if a != b else 0.0),
     "sums": lambda a, b, c: total((a, 1e9 * b, c, -1e9 * b, 0.1)),
+    "sums of products": lambda a, b, c: sumprod((a, 1e9, -1e9, 2.0), (b, c, c, a)),
     "loops": lambda a, b, c: next(x for x in (a, b, c, 9.0) if x > 0.5),
     "quaternions": lambda a, b, c: quaternions.turn_between(
         quaternions.of_angles(a, b, c), quaternions.of_turn((0.1 * c, 0.0 * a, b))
@@ -105,7 +107,7 @@ def test_a_law_of_rows_is_that_of_each_row(law):
 
 
 # Functions of a list of numbers, which have tests of their own.
-OF_SEVERAL = (first_least.__name__, total.__name__)
+OF_SEVERAL = (first_least.__name__, sumprod.__name__, total.__name__)
 
 
 def test_every_elementwise_function_takes_rows():
