@@ -26,7 +26,8 @@ _MEMORY = 768 * 2**20
 MOST_ROWS = 1000
 # Fewer rows than this are faster one after the other, in C++ in part.
 _FEWEST = 8
-_STACK = 2**20  # of a thread [B]
+# Stack of a thread, that of a program on Linux; only what is used takes memory [B].
+_STACK = 8 * 2**20
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,9 @@ class Together:
             Their results, in their order.
         """
         waiting = iter(works)
+        if self._rows == 1:
+            yield from (work() for work in waiting)
+            return
         while guests := self._gather(waiting):
             while wishes := [guest for guest in guests if guest.wish is not None]:
                 for guests_alike in _alike(wishes):

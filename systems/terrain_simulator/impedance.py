@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.elementwise import sumprod
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import is_on, read
 from parapod.systems.terrain_simulator.leg import LegModel
@@ -120,7 +121,7 @@ class FootImpedance(LeafSystem):
             ]
             # What of these torques would accelerate the foot, its own force takes away.
             x_column, z_column = zip(*now.inverse, strict=True)
-            f_x, f_z = f_x - math.sumprod(x_column, rest), f_z - math.sumprod(z_column, rest)
+            f_x, f_z = f_x - sumprod(x_column, rest), f_z - sumprod(z_column, rest)
         else:
             rest = [0.0] * len(q)
         torques = [

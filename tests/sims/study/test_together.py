@@ -36,7 +36,9 @@ def fake(simulated):
     def grant(wishes):
         simulated.append([wish.begin for wish in wishes])
         for wish in wishes:
-            yield ValueError("failed") if wish.begin < 0 else Granted(wish.begin, len(wishes))
+            yield (
+                ValueError("failed") if wish.begin < 0 else Granted(wish.begin, len(wishes), None)
+            )
 
     return grant
 
