@@ -31,7 +31,7 @@ from pydrake.systems.framework import (
 
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.leaf_system import LeafSystem, RowsContext, Vector
-from parapod.systems.core.rows import array_of
+from parapod.systems.core.rows import array_of, matrix_of
 from parapod.systems.core.switching import switched
 
 # Takes the numbers of a vector one by one: up to this size that is faster than making a view.
@@ -69,6 +69,47 @@ def read_array(
         return array_of(_of_rows(port, context))
     array: Any = port.Eval(context)
     return array
+
+
+def read_batch(port: InputPort, context: Context | RowsContext) -> NDArray[np.float64]:
+    """The vector at an input port, copied: (size), or that of each row (rows, size)."""
+    if type(context) is RowsContext:
+        return _batch(_of_rows(port, context), context)
+    array: Any = port.Eval(context)
+    return array
+
+
+def batch(vector: Any, context: Context | RowsContext) -> NDArray[np.float64]:
+    """A vector (size) of a context, or that of each row (rows, size)."""
+    if type(context) is RowsContext:
+        return _batch(vector.numbers, context)
+    array: NDArray[np.float64] = vector.value()
+    return array
+
+
+def _batch(numbers: list[Any], context: RowsContext) -> NDArray[np.float64]:
+    size = context.size
+    return np.array(numbers) if size is None else matrix_of(numbers, size).T.copy()
+
+
+def row_by_row(
+    law: Callable[..., tuple[Any, ...]],
+    context: Context | RowsContext,
+    *batches: NDArray[Any],
+) -> tuple[Any, ...]:
+    """Results of a law of arrays, stacked where the context is that of rows.
+
+    For the part of a law that takes one row at a time, such as a solver of SciPy.
+
+    Args:
+        law: function of arrays; gives a tuple of numbers or arrays.
+        context: from which `batches` were read.
+        batches: its arguments, or those of each row (rows, ...).
+    """
+    if type(context) is not RowsContext or context.size is None:
+        return law(*batches)
+    rows = [law(*row) for row in zip(*batches, strict=True)]
+    return tuple(map(np.array, zip(*rows, strict=True)))
 
 
 def is_on(port: InputPort, context: Context | RowsContext) -> bool:

@@ -284,6 +284,33 @@ def _or_nan(function: Callable[..., float], *arguments: float) -> float:
         return math.nan
 
 
+def shared[R](function: Callable[[float], R], number: Number) -> R:
+    """Result of a function of a float, such as an index; rows whose results differ part."""
+    if type(number) is not Rows:
+        return function(number)  # type: ignore[arg-type]
+    distinct, places = np.unique(number.values, return_inverse=True)
+    first, *others = results = [function(value) for value in distinct.tolist()]
+    if any(other != first for other in others):
+        raise Parted(np.array([result == first for result in results])[places])
+    return first
+
+
+def answer_of(flags: Any) -> Any:
+    """A flag as a bool, or flags (n) as the answer of each row."""
+    return Mask(flags) if np.ndim(flags) else bool(flags)
+
+
+def number_of(values: Any) -> "Number":
+    """A number as a float, or numbers (n) as those of rows."""
+    return Rows(values) if np.ndim(values) else float(values)
+
+
+def batch_of(numbers: Sequence[Number]) -> Floats:
+    """Numbers (k) as an array (k), or (rows, k) where rows are among them."""
+    size = _size_of([numbers])
+    return np.array(numbers) if size is None else matrix_of(numbers, size).T.copy()
+
+
 def array_of(numbers: Sequence[Number]) -> NDArray[Any]:
     """Numbers as an array: of floats, or of objects where rows are among them."""
     for number in numbers:
@@ -304,13 +331,15 @@ def matrix_of(numbers: Sequence[Number], size: int) -> Floats:
 
 
 def numbers_of(values: Iterable[Any]) -> list[Number]:
-    """Numbers that a law gives: floats, and those of rows.
+    """Numbers that a law gives: floats, and those of rows; an array (rows, size) has both.
 
     Raises:
         TypeError: something else.
     """
     array = values if isinstance(values, np.ndarray) else np.asarray(values)
     if array.dtype == np.float64:
+        if array.ndim == 2:
+            return [Rows(column) for column in array.T.copy()]
         floats: list[Number] = array.tolist()
         return floats
     return [number if type(number) is Rows else _float(number) for number in array.tolist()]

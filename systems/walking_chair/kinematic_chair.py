@@ -11,9 +11,10 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.core.ports import batch, declare_cached, read_batch, row_by_row
+from parapod.systems.core.rows import answer_of
 from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry, by_legs
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
 from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
 
@@ -22,7 +23,7 @@ _LEVEL = np.eye(3)
 
 
 class _Stance(NamedTuple):
-    """The chair at an instant; names are those of the ports."""
+    """The chair at an instant; names are those of the ports. All have the rows' dimension ahead."""
 
     body_position: NDArray[np.float64]
     body_attitude: NDArray[np.float64]
@@ -37,8 +38,8 @@ class _Stance(NamedTuple):
     @property
     def passenger_pose(self) -> NDArray[np.float64]:
         """Calculated on demand, as for drawings."""
-        turn: Any = RollPitchYaw(self.body_attitude).ToRotationMatrix().matrix()
-        return np.concatenate((self.body_pose[:4], self.body_position + turn @ self.seat))
+        place = self.body_position + _turned(self.body_attitude, self.seat)
+        return np.concatenate((self.body_pose[..., :4], place), axis=-1)
 
 
 class KinematicChair(LeafSystem):
@@ -151,21 +152,38 @@ class KinematicChair(LeafSystem):
         return signal
 
     def _calc_stance(self, context: Context) -> _Stance:
-        lengths = read_array(self._position, context).reshape(LEG_COUNT, 3)
-        corners = foot_corners(self._geometry, np.zeros(3), _LEVEL, lengths)
+        lengths = by_legs(read_batch(self._position, context))
+        numbers = row_by_row(
+            self._rest,
+            context,
+            foot_corners(self._geometry, np.zeros(3), _LEVEL, lengths),
+            force_map(self._geometry, lengths)[..., 2],
+            batch(context.get_numeric_parameter(self._passenger), context),
+            batch(context.get_discrete_state(0), context),
+            batch(context.get_discrete_state(1), context),
+        )
+        return _Stance(*numbers)
+
+    def _rest(
+        self,
+        corners: NDArray[np.float64],
+        vertical: NDArray[np.float64],
+        seat: NDArray[np.float64],
+        last: NDArray[np.float64],
+        contacts: NDArray[np.float64],
+    ) -> _Stance:
+        """The chair with its corners (4, 3, 3) where they are, and its state before."""
         if not np.isfinite(corners).all():
             return _unknown()
-        seat: Any = context.get_numeric_parameter(self._passenger)
-        passenger = Passenger(*seat.value())
+        passenger = Passenger(*seat)
         mass, centre = centre_of_mass(self._masses, passenger, corners.mean(axis=-2))
         flat = corners.reshape(_CORNERS, 3)
-        vertical = force_map(self._geometry, lengths)[..., 2]
         foot_weight = self._masses.foot_end * GRAVITY
         at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight, self._stiffness)
         tilt = RollPitchYaw(at_rest.roll, at_rest.pitch, 0.0).ToRotationMatrix().matrix()
         rotated = flat @ tilt.T
         carry = at_rest.loads > 0.0
-        x, y, yaw = self._place(context, rotated[:, :2], np.where(carry, at_rest.loads, 0.0))
+        x, y, yaw = _place(last, contacts, rotated[:, :2], np.where(carry, at_rest.loads, 0.0))
         attitude = RollPitchYaw(at_rest.roll, at_rest.pitch, yaw)
         position = np.array((x, y, at_rest.height))
         turn = attitude.ToQuaternion().wxyz()
@@ -181,38 +199,41 @@ class KinematicChair(LeafSystem):
             carry,
         )
 
-    def _place(
-        self, context: Context, corners: NDArray[np.float64], loads: NDArray[np.float64]
-    ) -> tuple[float, float, float]:
-        """Place and heading that leave the corners that carry where they are."""
-        last: Any = context.get_discrete_state(0)
-        contacts: Any = context.get_discrete_state(1)
-        anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
-        share = loads * contacts.value()[2 * _CORNERS :]
-        if not share.any():
-            return tuple(last.value())
-        share = share / share.sum()
-        from_middle, anchors_from_middle = corners - share @ corners, anchors - share @ anchors
-        along = share @ (from_middle * anchors_from_middle).sum(axis=1)
-        across = share @ (
-            from_middle[:, 0] * anchors_from_middle[:, 1]
-            - from_middle[:, 1] * anchors_from_middle[:, 0]
-        )
-        yaw = float(np.arctan2(across, along))
-        x, y = share @ anchors - _heading(yaw) @ (share @ corners)
-        return float(x), float(y), yaw
-
     def _update_contacts(self, context: Context, discrete_state: Any) -> None:
         stance: _Stance = self._stance.value(self, context)
-        if not np.isfinite(stance.body_position).all():
+        if not answer_of(np.isfinite(stance.body_position).all(axis=-1)):
             return
-        contacts: Any = context.get_discrete_state(1)
-        anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
-        carried = contacts.value()[2 * _CORNERS :] > 0.5
-        anchored = np.where((carried & stance.carry)[:, None], anchors, stance.places)
-        x, y, _ = stance.body_position
-        discrete_state.set_value(0, np.array((x, y, stance.body_attitude[2])))
-        discrete_state.set_value(1, np.concatenate((anchored.ravel(), stance.carry.astype(float))))
+        contacts = batch(context.get_discrete_state(1), context)
+        places = stance.places.reshape(*contacts.shape[:-1], 2 * _CORNERS)
+        carried = contacts[..., 2 * _CORNERS :] > 0.5
+        stays = np.repeat(carried & stance.carry, 2, axis=-1)
+        anchored = np.where(stays, contacts[..., : 2 * _CORNERS], places)
+        x_y, yaw = stance.body_position[..., :2], stance.body_attitude[..., 2:]
+        discrete_state.set_value(0, np.concatenate((x_y, yaw), axis=-1))
+        discrete_state.set_value(1, np.concatenate((anchored, stance.carry), axis=-1))
+
+
+def _place(
+    last: NDArray[np.float64],
+    contacts: NDArray[np.float64],
+    corners: NDArray[np.float64],
+    loads: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """Place and heading that leave the corners that carry where they are."""
+    anchors = contacts[: 2 * _CORNERS].reshape(_CORNERS, 2)
+    share = loads * contacts[2 * _CORNERS :]
+    if not share.any():
+        return tuple(last)
+    share = share / share.sum()
+    from_middle, anchors_from_middle = corners - share @ corners, anchors - share @ anchors
+    along = share @ (from_middle * anchors_from_middle).sum(axis=1)
+    across = share @ (
+        from_middle[:, 0] * anchors_from_middle[:, 1]
+        - from_middle[:, 1] * anchors_from_middle[:, 0]
+    )
+    yaw = float(np.arctan2(across, along))
+    x, y = share @ anchors - _heading(yaw) @ (share @ corners)
+    return float(x), float(y), yaw
 
 
 def _looking_ahead(place: ArrayLike) -> NDArray[np.float64]:
@@ -221,6 +242,14 @@ def _looking_ahead(place: ArrayLike) -> NDArray[np.float64]:
 
 def _numbers(passenger: Passenger) -> NDArray[np.float64]:
     return np.array((passenger.mass, passenger.x, passenger.y, passenger.height))
+
+
+@functools.partial(np.vectorize, signature="(i),(i)->(i)")
+def _turned(attitude: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (..., 3) of bodies with these angles (..., 3), in the world."""
+    turn: Any = RollPitchYaw(attitude).ToRotationMatrix().matrix()
+    turned: NDArray[np.float64] = turn @ vector
+    return turned
 
 
 def _heading(yaw: float) -> NDArray[np.float64]:

@@ -90,7 +90,7 @@ def centre_of_mass(
     """
     places = of_width(feet, 3, "feet")
     moment = masses.foot_end * places.sum(axis=-2)
-    moment = moment + passenger.mass * passenger.place
+    moment = moment + passenger.place * passenger.mass
     moment[..., 2] += masses.body * masses.body_height
     total = masses.total + passenger.mass
     return total, moment / total

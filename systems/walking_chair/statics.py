@@ -54,18 +54,19 @@ def force_map(geometry: ChairGeometry, lengths: ArrayLike) -> NDArray[np.float64
 
     Args:
         geometry: the chair.
-        lengths: (4, 3) of the branches [m].
+        lengths: (..., 4, 3) of the branches [m].
 
     Returns:
-        (12, 12, 3): branch force tau [N] by corner and axis of {S} of a force of the ground [N];
+        (..., 12, 12, 3): branch force tau [N] by corner and axis of {S} of a force of the ground [N];
         NaN for legs that cannot be assembled.
     """
     up = up_of_lengths(geometry.leg, of_width(lengths, 3, "lengths"))
-    by_leg = np.einsum("lai,lcib->lbca", geometry.R_SA, corner_jacobians(geometry.leg, up))
-    whole = np.zeros((4, 3, 4, 3, 3))
-    for leg in range(len(by_leg)):
-        whole[leg, :, leg] = -by_leg[leg]
-    return whole.reshape(12, 12, 3)
+    by_leg = np.einsum("lai,...lcib->...lbca", geometry.R_SA, corner_jacobians(geometry.leg, up))
+    batch = up.shape[:-2]
+    whole = np.zeros((*batch, 4, 3, 4, 3, 3))
+    for leg in range(4):
+        whole[..., leg, :, leg, :, :] = -by_leg[..., leg, :, :, :]
+    return whole.reshape(*batch, 12, 12, 3)
 
 
 # Stiffness of a branch [N/m], as in the model of rigid bodies (assumption).
