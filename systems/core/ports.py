@@ -92,26 +92,6 @@ def _batch(numbers: list[Any], context: RowsContext) -> NDArray[np.float64]:
     return np.array(numbers) if size is None else matrix_of(numbers, size).T.copy()
 
 
-def row_by_row(
-    law: Callable[..., tuple[Any, ...]],
-    context: Context | RowsContext,
-    *batches: NDArray[Any],
-) -> tuple[Any, ...]:
-    """Results of a law of arrays, stacked where the context is that of rows.
-
-    For the part of a law that takes one row at a time, such as a solver of SciPy.
-
-    Args:
-        law: function of arrays; gives a tuple of numbers or arrays.
-        context: from which `batches` were read.
-        batches: its arguments, or those of each row (rows, ...).
-    """
-    if type(context) is not RowsContext or context.size is None:
-        return law(*batches)
-    rows = [law(*row) for row in zip(*batches, strict=True)]
-    return tuple(map(np.array, zip(*rows, strict=True)))
-
-
 def is_on(port: InputPort, context: Context | RowsContext) -> bool:
     """Whether the first number at an input port is above 0.5; NaN is off."""
     return bool(_first(port, context) > 0.5)

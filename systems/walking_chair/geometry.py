@@ -12,7 +12,7 @@ LEG_COUNT = 4
 
 
 def by_legs(branches: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (..., 12) of the branches as (..., 4, 3): those of each leg."""
+    """Values (12) of the branches as those of each leg (4, 3), of one chair or a batch of them."""
     return branches.reshape(*branches.shape[:-1], LEG_COUNT, 3)
 
 

@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 from scipy.optimize import linprog, nnls  # type: ignore[import-untyped]
 
+from parapod.systems.core.batching import row_by_row
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import batch, read_batch, row_by_row
+from parapod.systems.core.ports import batch, read_batch
 from parapod.systems.core.rows import answer_of
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry, by_legs
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
@@ -329,9 +330,7 @@ class PayloadEstimator(LeafSystem):
         position, current = read_batch(self._position, context), read_batch(self._current, context)
         up = up_of_lengths(self._geometry.leg, by_legs(position))
         jacobians = corner_jacobians(self._geometry.leg, up)
-        sample = np.stack(
-            row_by_row(self._sample, context, up, jacobians, by_legs(current)), axis=-1
-        )
+        sample = row_by_row(self._sample, 2, up, jacobians, by_legs(current))
         if not answer_of(np.isfinite(sample).all(axis=-1)):
             return
         last = batch(context.get_discrete_state(0), context)
@@ -345,9 +344,9 @@ class PayloadEstimator(LeafSystem):
         up: NDArray[np.float64],
         jacobians: NDArray[np.float64],
         current: NDArray[np.float64],
-    ) -> tuple[float, float, float]:
-        """Mass and place; NaN for what is not determined."""
-        unknown = math.nan, math.nan, math.nan
+    ) -> NDArray[np.float64]:
+        """Mass and place (3); NaN for what is not determined."""
+        unknown = np.full(3, np.nan)
         leg, masses = self._geometry.leg, self._masses
         if not (np.isfinite(up).all() and np.isfinite(current).all()):
             return unknown
@@ -356,11 +355,11 @@ class PayloadEstimator(LeafSystem):
         if mass < -_LIGHT:
             return unknown
         if mass < _LIGHT:
-            return mass, 0.0, 0.0
+            return np.array((mass, 0.0, 0.0))
         corners = np.einsum("lij,lkj->lki", self._geometry.R_SA, leg_corners(leg, up))
         corners = corners + self._geometry.p_SA[:, None, :]
-        x, y = np.einsum("lk,lki->i", loads, corners)[:2] / mass
-        return mass, x, y
+        place = np.einsum("lk,lki->i", loads, corners)[:2] / mass
+        return np.array((mass, *place))
 
     def _vertical_forces(
         self, jacobians: NDArray[np.float64], current: NDArray[np.float64]

@@ -23,6 +23,7 @@ from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read
 from parapod.systems.core.rows import answer_of, batch_of, number_of, shared
+from parapod.systems.core.vectors import product
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.geometry import (
@@ -49,14 +50,14 @@ class SupportPolygon(NamedTuple):
     corners: NDArray[np.float64]
 
     def margin(self, point: Any) -> Elementwise:
-        """Distance of a point (2), of floats or rows, from the nearest edge's line [m]; negative outside.
+        """Distance of a point (2) from the nearest edge's line [m]; negative outside.
 
         Minus infinity without a polygon, and for a point that is not finite.
         """
         place = batch_of(point)
         if not (self.offsets.size and answer_of(np.isfinite(place).all(axis=-1))):
             return -np.inf
-        inside = self.offsets - (self.normals @ place[..., np.newaxis])[..., 0]
+        inside = self.offsets - product(self.normals, place)
         return number_of(inside.min(axis=-1))
 
 
