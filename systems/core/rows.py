@@ -300,6 +300,17 @@ def answer_of(flags: Any) -> Any:
     return Mask(flags) if np.ndim(flags) else bool(flags)
 
 
+def common[T: np.generic](batch: NDArray[T], ndim: int = 1) -> NDArray[T]:
+    """The array (ndim) that all rows of a batch have; rows that differ from the first part."""
+    if batch.ndim == ndim:
+        return batch
+    same = (batch == batch[0]).all(axis=tuple(range(1, batch.ndim)))
+    if not same.all():
+        raise Parted(same)
+    first: NDArray[T] = batch[0]
+    return first
+
+
 def number_of(values: Any) -> "Number":
     """A number as a float, or numbers (n) as those of rows."""
     return Rows(values) if np.ndim(values) else float(values)
