@@ -5,13 +5,7 @@ import math
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from parapod.systems.core.elementwise import (
-    Elementwise,
-    greatest,
-    least,
-    nan_without_warning,
-    where,
-)
+from parapod.systems.core.elementwise import Elementwise, greatest, least, where
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, read_batch
 from parapod.systems.core.rows import number_of
@@ -71,11 +65,11 @@ class DrillingProcess(LeafSystem):
         self.DeclareVectorOutputPort("tip_height", 1, self._calc_height, {self._pose.ticket()})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    @nan_without_warning
     def _height(self, context: Context) -> Elementwise:
         """Height of the tip above the panel; far away if it is not known."""
         pose = read_batch(self._pose, context)
         is_near = (np.abs(pose) < _FAR).all(axis=-1)
+        pose = np.where(is_near[..., np.newaxis], pose, 0.0)
         height = self._panel.place(self._process.tip(pose))[..., 2]
         is_upright = np.cos(pose[..., 3]) * np.cos(pose[..., 4]) > _COSINE
         return number_of(np.where(is_near & is_upright, height, _AWAY))

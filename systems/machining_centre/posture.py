@@ -4,18 +4,23 @@ Clamped feet stay where they were clamped, and locked joints keep the values at 
 locked: so the centre knows where it has walked. The same reckoning is a plant without dynamics.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.core.ports import batch, declare_cached, read_batch
+from parapod.systems.core.rows import common, number_of
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.branch import branch_joints
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.platform_mode import feet_of, forward_kinematics
+from parapod.systems.machining_centre.platform_mode import (
+    feet_of,
+    forward_kinematics,
+    poses_alone,
+)
 from parapod.systems.machining_centre.swing import (
     LOCKABLE,
     Locks,
@@ -44,7 +49,7 @@ class Posture(NamedTuple):
 
 def lockable_joints(geometry: CentreGeometry, posture: Posture) -> Array:
     """(n, 4) values of the joints that carry locks, q_1, q_2, q_3 and q_6 of each limb [rad]."""
-    return branch_joints(geometry, posture.pose, posture.feet, along="left")[:, _INDICES]
+    return branch_joints(geometry, posture.pose, posture.feet, along="left")[..., _INDICES]
 
 
 def closed_locks(
@@ -114,13 +119,44 @@ def posture_of(
     return Posture(swung.pose, feet)
 
 
+def _postures_of(
+    geometry: CentreGeometry,
+    lengths: Array,
+    before: Posture,
+    values: Array,
+    locked: NDArray[np.bool_],
+    clamped: NDArray[np.bool_],
+) -> tuple[Posture, NDArray[np.bool_]]:
+    """Postures by `posture_of`, or those before, and whether they are determined.
+
+    All may have rows ahead but for `clamped`.
+    """
+    if lengths.ndim == 2 and clamped.all():
+        last = _LAST_STEP * geometry.size
+        poses = poses_alone(geometry, lengths, before.pose, before.feet, last)
+        is_determined = np.isfinite(poses).all(axis=-1)
+        return Posture(
+            np.where(is_determined[:, np.newaxis], poses, before.pose), before.feet
+        ), is_determined
+    if lengths.ndim == 2:
+        rows = zip(lengths, *before, values, locked, strict=True)
+        of_rows = [
+            _postures_of(geometry, row, Posture(pose, feet), *locks, clamped)
+            for row, pose, feet, *locks in rows
+        ]
+        poses, feet = map(np.array, zip(*(posture for posture, _ in of_rows), strict=True))
+        return Posture(poses, feet), np.array([is_determined for _, is_determined in of_rows])
+    posture = posture_of(geometry, lengths, before, values, locked, clamped)
+    return posture or before, np.bool_(posture is not None)
+
+
 class _Found(NamedTuple):
     """Posture, values at which joints are locked, which are, and whether it is determined."""
 
     posture: Posture
     values: Array
     locked: NDArray[np.bool_]
-    is_determined: bool
+    is_determined: NDArray[np.bool_]
 
 
 class CentrePosture(LeafSystem):
@@ -194,47 +230,60 @@ class CentrePosture(LeafSystem):
     def _calc_shown(self, context: Context) -> _Found:
         """Finding of the last update."""
         n, locks = self._geometry.limbs, LOCKS_OF_LIMB * self._geometry.limbs
-        state: Array = context.get_discrete_state(0).value().copy()
-        pose, feet, values, locked, known_lengths = np.split(
-            state, np.cumsum((6, 6 * n, locks, locks))
+        state = batch(context.get_discrete_state(0), context)
+        pose, feet, values, locked, is_determined = np.split(
+            state, np.cumsum((6, 6 * n, locks, locks)), axis=-1
         )
-        posture = Posture(pose, feet.reshape(n, 6))
+        shape = *state.shape[:-1], n, -1
+        posture = Posture(pose, feet.reshape(shape))
         return _Found(
-            posture, values.reshape(n, -1), locked.reshape(n, -1) > 0.5, known_lengths[0] > 0.5
+            posture,
+            values.reshape(shape),
+            locked.reshape(shape) > 0.5,
+            is_determined[..., 0] > 0.5,
         )
 
     def _calc(self, context: Context) -> _Found:
         before, values, was, _ = self._calc_shown(context)
-        locked = (read_array(self._locks, context) > 0.5).reshape(was.shape)
-        clamped = read_array(self._clamps, context) > 0.5
+        locked = (read_batch(self._locks, context) > 0.5).reshape(was.shape)
+        clamped = common(read_batch(self._clamps, context) > 0.5)
         closing = locked & ~was
         if closing.any():  # at the values that they had a moment ago
-            values[closing] = lockable_joints(self._geometry, before)[closing]
-        lengths = read_array(self._position, context)
-        posture = posture_of(self._geometry, lengths, before, values, locked, clamped)
-        return _Found(posture or before, values, locked, posture is not None)
+            values = np.where(closing, lockable_joints(self._geometry, before), values)
+        lengths = read_batch(self._position, context)
+        posture, is_determined = _postures_of(
+            self._geometry, lengths, before, values, locked, clamped
+        )
+        return _Found(posture, values, locked, is_determined)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         posture = self._found.value(self, context)
         pose, feet = posture.posture
-        parts = (pose, feet.ravel(), posture.values.ravel(), posture.locked.ravel())
-        state.set_value(0, np.concatenate((*parts, (posture.is_determined,))).astype(float))
+        parts = (pose, *map(_flat, (feet, posture.values, posture.locked)))
+        state.set_value(
+            0, np.concatenate((*parts, posture.is_determined[..., np.newaxis]), axis=-1)
+        )
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._shown.value(self, context).posture.pose)
 
     def _calc_feet(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.value(self, context).posture.feet.ravel())
+        output.SetFromVector(_flat(self._shown.value(self, context).posture.feet))
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
         posture = self._shown.value(self, context).posture
-        output.SetFromVector(lockable_joints(self._geometry, posture).ravel())
+        output.SetFromVector(_flat(lockable_joints(self._geometry, posture)))
 
     def _calc_locked_at(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.value(self, context).values.ravel())
+        output.SetFromVector(_flat(self._shown.value(self, context).values))
 
     def _calc_is_determined(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._shown.value(self, context).is_determined)
+        output[0] = number_of(self._shown.value(self, context).is_determined.astype(float))
+
+
+def _flat(of_limbs: NDArray[Any]) -> NDArray[Any]:
+    """Values (n, k) of the limbs as a vector, of one centre or of rows of them."""
+    return of_limbs.reshape(*of_limbs.shape[:-2], -1)
 
 
 def _beginning(geometry: CentreGeometry, pose: ArrayLike, footholds: ArrayLike | None) -> Array:
