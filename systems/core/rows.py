@@ -222,6 +222,11 @@ def _values(number: Any) -> Any:
     return number.values if type(number) is Rows else _float(number)
 
 
+def values_of(number: Any) -> Any:
+    """A number of each row (n), or the one number of all."""
+    return number.values if type(number) is Rows else number
+
+
 # NumPy's functions beside the C library's, where both can be called with these numbers.
 _BESIDE: dict[Callable[..., float], np.ufunc] = {
     math.sin: np.sin,
@@ -311,7 +316,7 @@ def common[T: np.generic](batch: NDArray[T], ndim: int = 1) -> NDArray[T]:
     return first
 
 
-def number_of(values: Any) -> "Number":
+def number_of(values: Any) -> Any:
     """A number as a float, or numbers (n) as those of rows."""
     return Rows(values) if np.ndim(values) else float(values)
 

@@ -199,7 +199,7 @@ def poses_alone(
             geometry, lengths[going_on], poses[going_on], footholds[going_on]
         )
         moves = step > _CONVERGED
-        poses[going_on[moves]] = _moved_alone(poses[going_on[moves]], twist[moves])
+        poses[going_on[moves]] = moved_alone(poses[going_on[moves]], twist[moves])
         poses[going_on[np.isnan(step)]] = np.nan
         going_on = going_on[step > last_step]
         if not going_on.size:
@@ -208,7 +208,7 @@ def poses_alone(
     return poses
 
 
-def _moved_alone(poses: Array, twists: Array) -> Array:
+def moved_alone(poses: Array, twists: Array) -> Array:
     """Poses (rows, 6) after displacements, each as `moved` has it for one."""
     angles = [Rows(column) for column in np.hstack((poses[:, 3:], twists[:, :3])).T.copy()]
     (turned,) = each(lambda *of: turned_angles(of[:3], of[3:]), *([column] for column in angles))

@@ -141,13 +141,13 @@ def _postures_of(
     if lengths.ndim == 2:
         rows = zip(lengths, *before, values, locked, strict=True)
         of_rows = [
-            _postures_of(geometry, row, Posture(pose, feet), *locks, clamped)
-            for row, pose, feet, *locks in rows
+            _postures_of(geometry, own, Posture(pose, feet), at, closed, clamped)
+            for own, pose, feet, at, closed in rows
         ]
         poses, feet = map(np.array, zip(*(posture for posture, _ in of_rows), strict=True))
         return Posture(poses, feet), np.array([is_determined for _, is_determined in of_rows])
     posture = posture_of(geometry, lengths, before, values, locked, clamped)
-    return posture or before, np.bool_(posture is not None)
+    return posture or before, np.array(posture is not None)
 
 
 class _Found(NamedTuple):
