@@ -3,15 +3,13 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from parapod.systems.core.batching import row_by_row
 from parapod.systems.core.elementwise import Elementwise
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_batch
 from parapod.systems.core.rows import answer_of, common, number_of
-from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.statics import CentreMasses
-from parapod.systems.machining_centre.wrench import wrench_indices
+from parapod.systems.machining_centre.wrench import index_alone
 
 # Fewer limbs do not hold a platform by their legs alone.
 _FEWEST = 3
@@ -77,13 +75,8 @@ class WrenchMonitor(LeafSystem):
         is_known = answer_of(np.isfinite(np.concatenate((pose, feet), axis=-1)).all(axis=-1))
         if len(clamped) < _FEWEST or not is_known:
             return 0.0
-
-        def index_at(pose: Array, feet: Array) -> Array:
-            footholds = feet.reshape(-1, 6)
-            return wrench_indices(self._geometry, pose, footholds, standing=clamped).w_minmax
-
-        # One by one, as sums over a batch are rounded otherwise.
-        return number_of(np.nan_to_num(row_by_row(index_at, 1, pose, feet)))
+        footholds = feet.reshape(*pose.shape[:-1], -1, 6)
+        return number_of(np.nan_to_num(index_alone(self._geometry, pose, footholds, clamped)))
 
     def _calc_index(self, context: Context, output: BasicVector) -> None:
         output[0] = context.get_discrete_state(0)[0]
