@@ -27,6 +27,7 @@ from parapod.systems.machining_centre.swing import (
     LockSet,
     SingularSwing,
     swing_forward,
+    swung_alone,
 )
 
 LOCKS_OF_LIMB = len(LOCKABLE)
@@ -60,8 +61,8 @@ def closed_locks(
     Args:
         geometry: the centre.
         limb: the loose limb, counted from 1; its own locks are taken to be closed.
-        values: (n, 4) at which joints were locked [rad].
-        feet: (n, 6) poses of the feet's frames [m, rad].
+        values: (n, 4) at which joints were locked, or those of each row [rad].
+        feet: (n, 6) poses of the feet's frames, or those of each row [m, rad].
         closed: (n, 4) which locks are.
 
     Raises:
@@ -75,8 +76,8 @@ def closed_locks(
     )
     lock_set = LockSet(limb, standing)
     lock_set.check(geometry)
-    chosen = [values[other - 1, LOCKABLE.index(joint)] for other, joint in lock_set.joints]
-    return Locks(lock_set, np.array(chosen), feet, "left")
+    chosen = [values[..., other - 1, LOCKABLE.index(joint)] for other, joint in lock_set.joints]
+    return Locks(lock_set, np.stack(chosen, axis=-1), feet, "left")
 
 
 def posture_of(
@@ -129,25 +130,30 @@ def _postures_of(
 ) -> tuple[Posture, NDArray[np.bool_]]:
     """Postures by `posture_of`, or those before, and whether they are determined.
 
-    All may have rows ahead but for `clamped`.
+    Arguments may be those of rows, but for `clamped`; rows with other locks part.
     """
-    if lengths.ndim == 2 and clamped.all():
-        last = _LAST_STEP * geometry.size
-        poses = poses_alone(geometry, lengths, before.pose, before.feet, last)
-        is_determined = np.isfinite(poses).all(axis=-1)
-        return Posture(
-            np.where(is_determined[:, np.newaxis], poses, before.pose), before.feet
-        ), is_determined
-    if lengths.ndim == 2:
-        rows = zip(lengths, *before, values, locked, strict=True)
-        of_rows = [
-            _postures_of(geometry, own, Posture(pose, feet), at, closed, clamped)
-            for own, pose, feet, at, closed in rows
-        ]
-        poses, feet = map(np.array, zip(*(posture for posture, _ in of_rows), strict=True))
-        return Posture(poses, feet), np.array([is_determined for _, is_determined in of_rows])
-    posture = posture_of(geometry, lengths, before, values, locked, clamped)
-    return posture or before, np.array(posture is not None)
+    if lengths.ndim == 1:
+        posture = posture_of(geometry, lengths, before, values, locked, clamped)
+        return posture or before, np.array(posture is not None)
+    loose, last = np.flatnonzero(~clamped).tolist(), _LAST_STEP * geometry.size
+    (poses, feet), nowhere = before, (before, np.zeros(len(lengths), dtype=np.bool_))
+    if not loose:
+        poses = poses_alone(geometry, lengths, poses, feet, last)
+    elif len(loose) > 1 or not (closed := common(locked, 2))[loose].all():
+        return nowhere
+    else:
+        try:
+            locks = closed_locks(geometry, loose[0] + 1, values, feet, closed)
+        except ValueError:  # too few locks
+            return nowhere
+        feet = feet.copy()
+        poses, feet[:, loose[0]] = swung_alone(geometry, lengths, locks, poses, last)
+    is_determined = np.isfinite(poses).all(axis=-1) & np.isfinite(feet).all(axis=(-2, -1))
+    chosen = is_determined[:, np.newaxis]
+    return Posture(
+        np.where(chosen, poses, before.pose),
+        np.where(chosen[..., np.newaxis], feet, before.feet),
+    ), is_determined
 
 
 class _Found(NamedTuple):
