@@ -25,7 +25,7 @@ from parapod.systems.core.vectors import (
     turned_angles,
 )
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.platform_mode import feet_of
+from parapod.systems.machining_centre.platform_mode import feet_of, moved_alone
 
 # The line that the chain follows: from the foot to the middle of the pivots, as the paper has it,
 # or along the left leg, as a machine has it whose ankle is joined to that leg.
@@ -160,6 +160,12 @@ def turned_foot(foot_pose: Array, angle: float) -> Array:
     R_WA, place = _frames(foot_pose)
     turn = angle * R_WA[:, 2]
     return np.concatenate((place, turned_angles(foot_pose[3:].tolist(), turn.tolist())))
+
+
+def turned_feet(feet: Array, angles: Array) -> Array:
+    """Poses (rows, 6) of feet after turns (rows) [rad], each as `turned_foot` has it for one."""
+    turns = angles[:, np.newaxis] * _frames(feet)[0][..., :, 2]
+    return moved_alone(feet, np.hstack((turns, np.zeros_like(turns))))
 
 
 class _Chains(NamedTuple):

@@ -4,16 +4,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import batch, declare_cached, read, read_batch
-from parapod.systems.core.rows import answer_of, number_of, shared
+from parapod.systems.core.rows import answer_of, common, number_of, shared
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.job import swung_to
+from parapod.systems.machining_centre.job import swung_alone_to, swung_to
 from parapod.systems.machining_centre.platform_mode import leg_lengths, within_stroke
 from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB, closed_locks
 from parapod.systems.machining_centre.swing import SingularSwing
@@ -168,33 +167,21 @@ class CentreFeedforward(LeafSystem):
             return stuck
         values, closed = (self._of_limbs(name, context) for name in ("locked_at", "locks_closed"))
         toward = read_batch(self._ports["toward"], context)
-        arguments = target, toward, feet, values, closed > 0.5, *now
-        if target.ndim == 1:
-            return self._swung(limb, *arguments)
-        rows = [self._swung(limb, *row) for row in zip(*arguments, strict=True)]
-        return _Led(*map(np.array, zip(*rows, strict=True)))
-
-    def _swung(
-        self,
-        limb: int,
-        target: Array,
-        toward: Array,
-        feet: Array,
-        values: Array,
-        closed: NDArray[np.bool_],
-        *of_now: Array,
-    ) -> _Led:
-        """Lengths that bring a loose foot to its target."""
-        now = _Led(*of_now)
-        goal = toward if np.isfinite(toward).all() else None
+        goal = toward if answer_of(np.isfinite(toward).all(axis=-1)) else None
+        which = common(closed > 0.5, 2)
         try:
-            locks = closed_locks(self._geometry, limb, values, feet, closed)
-            swung = swung_to(self._geometry, locks, target, now.pose, toward=goal)
+            locks = closed_locks(self._geometry, limb, values, feet, which)
+            if target.ndim > 1:
+                swung = swung_alone_to(self._geometry, locks, target, now.pose, goal)
+            else:
+                one = swung_to(self._geometry, locks, target, now.pose, toward=goal)
+                swung = one.lengths, one.pose, one.foot_pose
         except (UnreachablePosture, SingularSwing, ValueError):
-            return now._replace(is_stuck=np.ones(()))
-        return now._replace(
-            lengths=swung.lengths + now.more, pose=swung.pose, foot=swung.foot_pose
-        )
+            return stuck
+        lengths, pose, foot = swung
+        if not answer_of(np.isfinite(lengths).all(axis=-1)):
+            return stuck
+        return now._replace(lengths=lengths + now.more, pose=pose, foot=foot)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         *parts, is_stuck = self._led.value(self, context)

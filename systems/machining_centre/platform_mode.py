@@ -216,6 +216,13 @@ def moved_alone(poses: Array, twists: Array) -> Array:
     return np.column_stack((position, matrix_of(turned, len(poses)).T))
 
 
+def displacement_alone(start: Array, end: Array) -> Array:
+    """Displacements (rows, 6), each as `displacement` has it for one."""
+    angles = [Rows(column) for column in np.hstack((start[:, 3:], end[:, 3:])).T.copy()]
+    vector = turn_between(angles[:3], angles[3:])
+    return np.column_stack((matrix_of(vector, len(start)).T, end[:, :3] - start[:, :3]))
+
+
 def _newton_step(
     geometry: CentreGeometry, goal: Array, pose: Array, footholds: ArrayLike | None
 ) -> tuple[Array, Array, Array, Array]:

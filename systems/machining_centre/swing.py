@@ -27,6 +27,7 @@ from parapod.systems.machining_centre.branch import (
     branch_joints,
     branch_joints_and_rates,
     foot_of_limb,
+    turned_feet,
     turned_foot,
 )
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -34,12 +35,14 @@ from parapod.systems.machining_centre.platform_mode import (
     check_strokes,
     decomposed,
     displacement,
+    displacement_alone,
     feet_of,
     jacobian,
     leg_lengths,
     length_scale,
     moved,
     moved_alone,
+    within_stroke,
 )
 from parapod.systems.machining_centre.wrench import wrench_indices
 
@@ -471,6 +474,79 @@ def swung_alone(
         with suppress(ValueError):
             feet[row] = _foot_of(geometry, poses[row], lengths[row], locks.of_rows(row))
     return poses, feet
+
+
+def legs_alone(
+    geometry: CentreGeometry,
+    foot_poses: Array,
+    locks: Locks,
+    near: Array,
+    *,
+    turns: bool,
+    toward: Array | None,
+    tolerance: float,
+    last_step: float,
+    open_below: float = 1e-6,
+) -> tuple[Array, Array, Array]:
+    """Legs by `swing_inverse`, each to the last bit as if it were alone.
+
+    Args:
+        geometry: the centre.
+        foot_poses: (rows, 6) of the loose feet [m, rad].
+        locks: the closed locks, with values and feet of each row.
+        near: (rows, 6) poses of the platforms nearby.
+        turns: see `swing_inverse`, as all that follow.
+        toward: (rows, 6) poses [m, rad].
+        tolerance: [rad].
+        last_step: [m, and r_c rad].
+        open_below: [-].
+
+    Returns:
+        Lengths (rows, 2n), and poses (rows, 6) of platform and foot; NaN where there are none.
+    """
+    limb, r_c, unit = locks.lock_set.limb - 1, geometry.platform_radius, _unit_motion(geometry)
+    chosen, longest = (..., *_indices(locks.lock_set.joints[turns:])), _LONGEST * geometry.size
+    feet, poses = locks.footholds.copy(), near.copy()
+    feet[:, limb] = foot_poses
+    turned, drift = feet[:, limb].copy(), np.zeros(near.shape)
+    is_there, going_on = np.zeros(len(near), dtype=np.bool_), np.arange(len(near))
+    for step in range(_MOST_STEPS):
+        pose, start = poses[going_on], near[going_on]
+        joints, rates = branch_joints_and_rates(geometry, pose, feet[going_on], along=locks.along)
+        missing = _wrapped(locks.values[going_on, turns:] - joints[chosen])
+        left, values, right = decomposed(rates[(*chosen, slice(None))] * unit, full_matrices=True)
+        ranks = (values > open_below * values[:, :1]).sum(axis=-1)
+        if step == 0 and toward is not None:
+            is_open = ranks < right.shape[-1]
+            drift[is_open] = displacement_alone(start, toward)[is_open] / unit
+        displaced = displacement_alone(start, pose) / unit if step else np.zeros(pose.shape)
+        wanted, move = drift[going_on] - displaced, np.empty(pose.shape)
+        for rank in np.unique(ranks).tolist():
+            of = ranks == rank
+            back, ahead = np.swapaxes(left[of], -1, -2)[:, :rank], right[of]
+            along = product(back, missing[of]) / values[of, :rank]
+            move[of] = product(np.swapaxes(ahead[:, :rank], -1, -2), along)
+            if (free := ahead[:, rank:]).size:
+                move[of] += product(np.swapaxes(free, -1, -2), product(free, wanted[of]))
+        move[~np.isfinite(values).all(axis=-1)] = np.nan
+        way = r_c * _norm(move)
+        moves, ends = way > _CONVERGED, way <= last_step
+        poses[going_on[moves]] = moved_alone(pose[moves], move[moves] * unit)
+        ends &= np.abs(missing).max(axis=-1) <= tolerance
+        ending = going_on[ends]
+        is_there[ending] = True
+        if turns:  # as far as the last step has turned it too
+            by = product(rates[ends, limb, 0][:, np.newaxis], move[ends] * unit)[:, 0]
+            angles = _wrapped(joints[ends, limb, 0] + by - locks.values[ending, 0])
+            turned[ending] = turned_feet(turned[ending], angles)
+        distance = _norm(poses[going_on, :3] - start[:, :3])
+        going_on = going_on[(way > last_step) & (distance <= longest)]
+        if not going_on.size:
+            break
+    lengths = leg_lengths(geometry, poses, feet)
+    is_there &= within_stroke(geometry, lengths).all(axis=-1)
+    lengths[~is_there] = poses[~is_there] = turned[~is_there] = np.nan
+    return lengths, poses, turned
 
 
 def _foot_of(geometry: CentreGeometry, pose: Array, lengths: Array, locks: Locks) -> Array:
