@@ -122,9 +122,10 @@ class Rows:
         return Rows(_float(other) / self.values)
 
     def __pow__(self, other: Any) -> "Rows":
-        if type(other) is int and other == 2:  # the C library's power is exact there
-            return Rows(self.values * self.values)
-        return Rows(by_library(math.pow, self.values, _values(other)))
+        # One exponent for all would have NumPy multiply, which the C library's square of one in a
+        # thousand numbers differs from.
+        exponents = np.broadcast_to(_values(other), self.values.shape).copy()
+        return Rows(by_library(math.pow, self.values, exponents))
 
     def __neg__(self) -> "Rows":
         return Rows(-self.values)

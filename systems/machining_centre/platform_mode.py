@@ -4,7 +4,7 @@ Inside, arrays have the batch last and the components first: numpy's loops then 
 batch, which is some ten times faster than small matrices one after the other.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.errors import UnreachablePosture
-from parapod.systems.core.rows import Rows, each, matrix_of
+from parapod.systems.core.rows import each, matrix_of, numbers_of
 from parapod.systems.core.vectors import (
     Array,
     cross,
@@ -210,7 +210,7 @@ def poses_alone(
 
 def moved_alone(poses: Array, twists: Array) -> Array:
     """Poses (rows, 6) after displacements, each as `moved` has it for one."""
-    angles = [Rows(column) for column in np.hstack((poses[:, 3:], twists[:, :3])).T.copy()]
+    angles = numbers_of(np.hstack((poses[:, 3:], twists[:, :3])))
     (turned,) = each(lambda *of: turned_angles(of[:3], of[3:]), *([column] for column in angles))
     position = poses[:, :3] + twists[:, 3:]
     return np.column_stack((position, matrix_of(turned, len(poses)).T))
@@ -218,7 +218,7 @@ def moved_alone(poses: Array, twists: Array) -> Array:
 
 def displacement_alone(start: Array, end: Array) -> Array:
     """Displacements (rows, 6), each as `displacement` has it for one."""
-    angles = [Rows(column) for column in np.hstack((start[:, 3:], end[:, 3:])).T.copy()]
+    angles: list[Any] = numbers_of(np.hstack((start[:, 3:], end[:, 3:])))
     vector = turn_between(angles[:3], angles[3:])
     return np.column_stack((matrix_of(vector, len(start)).T, end[:, :3] - start[:, :3]))
 

@@ -11,7 +11,6 @@ foot's attitude has one direction that cannot be commanded. `lock_conditions` ch
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -454,7 +453,10 @@ def swung_alone(
 
     Returns:
         Poses (rows, 6) of platform and loose foot; NaN where what stands does not hold the
-        platform, or the legs do not meet.
+        platform.
+
+    Raises:
+        ValueError: legs that do not meet.
     """
     poses, going_on, r_c = near.copy(), np.arange(len(near)), geometry.platform_radius
     for _ in range(_MOST_STEPS):
@@ -469,10 +471,9 @@ def swung_alone(
         if not going_on.size:
             break
     poses[going_on] = np.nan
-    feet = np.full(poses.shape, np.nan)
-    for row in np.flatnonzero(np.isfinite(poses).all(axis=-1)).tolist():
-        with suppress(ValueError):
-            feet[row] = _foot_of(geometry, poses[row], lengths[row], locks.of_rows(row))
+    feet, there = np.full(poses.shape, np.nan), np.flatnonzero(np.isfinite(poses).all(axis=-1))
+    if there.size:
+        feet[there] = _foot_of(geometry, poses[there], lengths[there], locks.of_rows(there))
     return poses, feet
 
 
@@ -550,10 +551,10 @@ def legs_alone(
 
 
 def _foot_of(geometry: CentreGeometry, pose: Array, lengths: Array, locks: Locks) -> Array:
-    """Pose (6) of the loose foot."""
+    """Poses (..., 6) of the loose foot."""
     limb = locks.lock_set.limb
-    pair = lengths[2 * limb - 2 : 2 * limb]
-    return foot_of_limb(geometry, pose, limb, pair, locks.values[:4], along=locks.along)
+    pair, own = lengths[..., 2 * limb - 2 : 2 * limb], locks.values[..., :4]
+    return foot_of_limb(geometry, pose, limb, pair, own, along=locks.along)
 
 
 def _forward_step(
