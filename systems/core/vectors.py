@@ -145,7 +145,8 @@ def times(matrix: Array, vector: Array) -> Array:
 
 def product(matrix: Array, vector: Array) -> Array:
     """Matrices times vectors, each as `@` has it for one."""
-    result: Array = (matrix @ vector[..., np.newaxis])[..., 0]
+    # Of what does not lie together NumPy sums in another order.
+    result: Array = (matrix @ np.ascontiguousarray(vector)[..., np.newaxis])[..., 0]
     return result
 
 

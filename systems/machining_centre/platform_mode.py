@@ -229,7 +229,7 @@ def _newton_step(
     """Displacement towards lengths, its length, what the lengths lack, and singular values."""
     scale = length_scale(geometry)
     legs = legs_at(geometry, pose, footholds)
-    missing = goal - np.moveaxis(legs.lengths, 0, -1)
+    missing = np.ascontiguousarray(goal - np.moveaxis(legs.lengths, 0, -1))
     scaled = np.moveaxis(rows_of(legs), (0, 1), (-2, -1)) / scale
     left, values, right = decomposed(scaled)
     along = times(np.swapaxes(left, -1, -2), missing) / values

@@ -463,7 +463,7 @@ def swung_alone(
         twist, way, smallest, _ = _forward_step(
             geometry, poses[going_on], lengths[going_on], locks.of_rows(going_on)
         )
-        poses[going_on[~(smallest > _SINGULAR)]] = np.nan
+        poses[going_on[~(smallest > _SINGULAR) | np.isnan(way)]] = np.nan
         moves = (way > _CONVERGED) & (smallest > _SINGULAR)
         share = np.minimum(1.0, 0.5 * r_c / way[moves])[:, np.newaxis]
         poses[going_on[moves]] = moved_alone(poses[going_on[moves]], twist[moves] * share)
