@@ -73,6 +73,11 @@ class Leaf:
         """Time [s]."""
         return self._simulator.time
 
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return self._simulator.rows.size
+
     def input(self, index: int) -> list[Number] | None:
         """Numbers at an input; None if nothing is connected to it."""
         source = self.sources[index]

@@ -9,7 +9,8 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.elementwise import nan_without_warning
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import declare_cached, has_value, is_on, read_array
+from parapod.systems.core.ports import batch, declare_cached, has_value, is_on, read_batch
+from parapod.systems.core.rows import answer_of
 
 MODES = ("compound", "velocity", "position")
 
@@ -97,22 +98,23 @@ class CompoundPositionController(LeafSystem):
 
     @nan_without_warning
     def _calc_law(self, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Commands (n), and the state after this sample."""
+        """Commands (..., n), and the state after this sample."""
         n = self._channels
         if not self._is_enabled(context):
             return np.zeros(n), np.zeros(3 * n + 1)
-        state: Any = context.get_discrete_state_vector()
-        values = state.value()
-        due, last, sums = values[:n], values[n : 2 * n], values[2 * n : 3 * n]
-        node = read_array(self._node, context)
-        measured = read_array(self._measured, context)
-        if not values[-1] > 0.5:
-            due, last, sums = measured, measured, np.zeros(n)
+        values = batch(context.get_discrete_state_vector(), context)
+        due, last, sums = values[..., :n], values[..., n : 2 * n], values[..., 2 * n : 3 * n]
+        node = read_batch(self._node, context)
+        measured = read_batch(self._measured, context)
+        in_control = values[..., -1]
+        if not answer_of(in_control > 0.5):
+            due, last, sums = measured, measured, np.zeros_like(measured)
         if self.params.mode == "position":
             command = self._run(due - measured)
         else:
             command, sums = self._follow(node, measured, due, last, sums)
-        return command, np.concatenate((node, measured, sums, (1.0,)))
+        one = np.ones_like(in_control)[..., np.newaxis]
+        return command, np.concatenate((node, measured, sums, one), axis=-1)
 
     def _run(self, missing: NDArray[np.float64]) -> NDArray[np.float64]:
         """Full speed where more than a count is missing."""
@@ -128,7 +130,7 @@ class CompoundPositionController(LeafSystem):
         last: NDArray[np.float64],
         sums: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Commands and sums of errors (n each), Eqs. (46)-(48)."""
+        """Commands and sums of errors (..., n each), Eqs. (46)-(48)."""
         params, h = self.params, self._period
         desired = (node - due) / h
         if params.mode == "compound":

@@ -21,8 +21,10 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
+from parapod.systems.core.elementwise import Elementwise, greatest, is_finite, least, where
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_safe, read
+from parapod.systems.core.rows import each
 from parapod.systems.sensors.encoder import Encoder
 
 
@@ -129,32 +131,37 @@ class ServoGoal(LeafSystem):
             output.SetZero()
             return
         goal = self._wanted(context, braked)
-        of_each = zip(goal, position, velocity, self._low, self._high, strict=True)
-        output.SetFromVector(np.array([self._goal(*each) for each in of_each]))
+        goals = each(self._goal, goal, position, velocity, self._low, self._high)
+        output.SetFromVector(np.array(goals))
 
     def _goal(
-        self, goal: float, position: float, velocity: float, low: float, high: float
-    ) -> float:
+        self,
+        goal: Elementwise,
+        position: Elementwise,
+        velocity: Elementwise,
+        low: float,
+        high: float,
+    ) -> Elementwise:
         """Goal of one drive between its stops."""
         resting = position + self._params.time_constant * velocity
-        if not math.isfinite(resting):
-            return math.nan
-        low = max((low - resting) / self._period, velocity - self._change)
-        high = min((high - resting) / self._period, velocity + self._change)
+        low = greatest((low - resting) / self._period, velocity - self._change)
+        high = least((high - resting) / self._period, velocity + self._change)
         # A drive that is beyond an end, or too fast for it, does what it can.
-        return min(max(goal, low), high)
+        return where(is_finite(resting), least(greatest(goal, low), high), math.nan)
 
-    def _wanted(self, context: Context, braked: bool) -> list[float]:
+    def _wanted(self, context: Context, braked: bool) -> list[Elementwise]:
         if braked:
             return [0.0] * self._channels
-        fastest = self._params.max_velocity
         command = read(self._command, context)
         gain: Any = context.get_numeric_parameter(self._gain)
         offset: Any = context.get_numeric_parameter(self._offset)
-        return [
-            k * (min(max(u, -fastest), fastest) if math.isfinite(u) else 0.0) + b
-            for u, k, b in zip(command, elements(gain), elements(offset), strict=True)
-        ]
+        return each(self._driven, command, elements(gain), elements(offset))
+
+    def _driven(self, command: Elementwise, gain: Elementwise, offset: Elementwise) -> Elementwise:
+        """Velocity to which a command leads."""
+        fastest = self._params.max_velocity
+        within = least(greatest(command, -fastest), fastest)
+        return gain * where(is_finite(command), within, 0.0) + offset
 
 
 class VelocityServo(Diagram):

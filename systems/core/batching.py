@@ -1,7 +1,7 @@
 """Batches of vectors for elementwise functions: taken apart into columns, put together again."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,20 @@ def columns(
             rows = array.reshape(math.prod(shape), array.shape[-1])
             columns_of.append([np.ascontiguousarray(rows[:, i]) for i in range(rows.shape[1])])
     return columns_of, shape
+
+
+def row_by_row(law: Callable[..., Any], ndim: int, *batches: NDArray[Any]) -> NDArray[np.float64]:
+    """Results of a law that takes one row at a time, such as a solver of SciPy.
+
+    Args:
+        law: function of arrays; gives an array.
+        ndim: number of dimensions of its first argument.
+        batches: its arguments, or those of each row (rows, ...).
+    """
+    if batches[0].ndim == ndim:
+        result: NDArray[np.float64] = law(*batches)
+        return result
+    return np.array([law(*row) for row in zip(*batches, strict=True)])
 
 
 def first_of_largest(values: ArrayLike, tolerance: float) -> tuple[int, ...]:

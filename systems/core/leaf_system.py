@@ -287,6 +287,15 @@ class RowsContext:
     def __init__(self, leaf: Any, index: Index | int = None):
         self.leaf, self.index = leaf, index
 
+    @property
+    def size(self) -> int | None:
+        """Number of these rows; None for one alone."""
+        if type(self.index) is int:
+            return None
+        positions: Any = self.index
+        size: int = self.leaf.size if positions is None else positions.size
+        return size
+
     def taken(self, numbers: Sequence[Number]) -> list[Number]:
         """Numbers of these rows."""
         index = self.index

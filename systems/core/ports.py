@@ -31,7 +31,7 @@ from pydrake.systems.framework import (
 
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.leaf_system import LeafSystem, RootOfRow, RowsContext, Vector
-from parapod.systems.core.rows import array_of
+from parapod.systems.core.rows import array_of, matrix_of
 from parapod.systems.core.switching import switched
 
 # Takes the numbers of a vector one by one: up to this size that is faster than making a view.
@@ -69,6 +69,27 @@ def read_array(
         return array_of(_of_rows(port, context))
     array: Any = port.Eval(context)
     return array
+
+
+def read_batch(port: InputPort, context: Context | RowsContext) -> NDArray[np.float64]:
+    """The vector at an input port, copied: (size), or that of each row (rows, size)."""
+    if type(context) is RowsContext:
+        return _batch(_of_rows(port, context), context)
+    array: Any = port.Eval(context)
+    return array
+
+
+def batch(vector: Any, context: Context | RowsContext) -> NDArray[np.float64]:
+    """A vector (size) of a context, or that of each row (rows, size)."""
+    if type(context) is RowsContext:
+        return _batch(vector.numbers, context)
+    array: NDArray[np.float64] = vector.value()
+    return array
+
+
+def _batch(numbers: list[Any], context: RowsContext) -> NDArray[np.float64]:
+    size = context.size
+    return np.array(numbers) if size is None else matrix_of(numbers, size).T.copy()
 
 
 def is_on(port: InputPort, context: Context | RowsContext) -> bool:

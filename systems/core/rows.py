@@ -122,9 +122,10 @@ class Rows:
         return Rows(_float(other) / self.values)
 
     def __pow__(self, other: Any) -> "Rows":
-        if type(other) is int and other == 2:  # the C library's power is exact there
-            return Rows(self.values * self.values)
-        return Rows(by_library(math.pow, self.values, _values(other)))
+        # One exponent for all would have NumPy multiply, which the C library's square of one in a
+        # thousand numbers differs from.
+        exponents = np.broadcast_to(_values(other), self.values.shape).copy()
+        return Rows(by_library(math.pow, self.values, exponents))
 
     def __neg__(self) -> "Rows":
         return Rows(-self.values)
@@ -222,6 +223,11 @@ def _values(number: Any) -> Any:
     return number.values if type(number) is Rows else _float(number)
 
 
+def values_of(number: Any) -> Any:
+    """A number of each row (n), or the one number of all."""
+    return number.values if type(number) is Rows else number
+
+
 # NumPy's functions beside the C library's, where both can be called with these numbers.
 _BESIDE: dict[Callable[..., float], np.ufunc] = {
     math.sin: np.sin,
@@ -284,6 +290,44 @@ def _or_nan(function: Callable[..., float], *arguments: float) -> float:
         return math.nan
 
 
+def shared[R](function: Callable[[float], R], number: Number) -> R:
+    """Result of a function of a float, such as an index; rows whose results differ part."""
+    if type(number) is not Rows:
+        return function(number)  # type: ignore[arg-type]
+    distinct, places = np.unique(number.values, return_inverse=True)
+    first, *others = results = [function(value) for value in distinct.tolist()]
+    if any(other != first for other in others):
+        raise Parted(np.array([result == first for result in results])[places])
+    return first
+
+
+def answer_of(flags: Any) -> Any:
+    """A flag as a bool, or flags (n) as the answer of each row."""
+    return Mask(flags) if np.ndim(flags) else bool(flags)
+
+
+def common[T: np.generic](batch: NDArray[T], ndim: int = 1) -> NDArray[T]:
+    """The array (ndim) that all rows of a batch have; rows that differ from the first part."""
+    if batch.ndim == ndim:
+        return batch
+    same = (batch == batch[0]).all(axis=tuple(range(1, batch.ndim)))
+    if not same.all():
+        raise Parted(same)
+    first: NDArray[T] = batch[0]
+    return first
+
+
+def number_of(values: Any) -> Any:
+    """A number as a float, or numbers (n) as those of rows."""
+    return Rows(values) if np.ndim(values) else float(values)
+
+
+def batch_of(numbers: Sequence[Number]) -> Floats:
+    """Numbers (k) as an array (k), or (rows, k) where rows are among them."""
+    size = _size_of([numbers])
+    return np.array(numbers) if size is None else matrix_of(numbers, size).T.copy()
+
+
 def array_of(numbers: Sequence[Number]) -> NDArray[Any]:
     """Numbers as an array: of floats, or of objects where rows are among them."""
     for number in numbers:
@@ -304,13 +348,15 @@ def matrix_of(numbers: Sequence[Number], size: int) -> Floats:
 
 
 def numbers_of(values: Iterable[Any]) -> list[Number]:
-    """Numbers that a law gives: floats, and those of rows.
+    """Numbers that a law gives: floats, and those of rows; an array (rows, size) has both.
 
     Raises:
         TypeError: something else.
     """
     array = values if isinstance(values, np.ndarray) else np.asarray(values)
     if array.dtype == np.float64:
+        if array.ndim == 2:
+            return [Rows(column) for column in array.T.copy()]
         floats: list[Number] = array.tolist()
         return floats
     return [number if type(number) is Rows else _float(number) for number in array.tolist()]

@@ -143,6 +143,13 @@ def times(matrix: Array, vector: Array) -> Array:
     return np.einsum("...ij,...j->...i", matrix, vector)
 
 
+def product(matrix: Array, vector: Array) -> Array:
+    """Matrices times vectors, each as `@` has it for one."""
+    # Of what does not lie together NumPy sums in another order.
+    result: Array = (matrix @ np.ascontiguousarray(vector)[..., np.newaxis])[..., 0]
+    return result
+
+
 def inverse(matrix: Array) -> Array:
     """Inverses of 3x3 matrices; not finite for singular ones, where numpy's would raise."""
     a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]

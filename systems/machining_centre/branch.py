@@ -16,16 +16,18 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
-from parapod.systems.core.elementwise import nan_without_warning
+from parapod.systems.core.elementwise import nan_without_warning, sqrt
+from parapod.systems.core.rows import numbers_of, values_of
 from parapod.systems.core.vectors import (
     Array,
     cross,
+    product,
     rotation_columns,
     times,
     turned_angles,
 )
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.platform_mode import feet_of
+from parapod.systems.machining_centre.platform_mode import feet_of, moved_alone
 
 # The line that the chain follows: from the foot to the middle of the pivots, as the paper has it,
 # or along the left leg, as a machine has it whose ankle is joined to that leg.
@@ -127,32 +129,34 @@ def foot_of_limb(
 
     Args:
         geometry: the centre.
-        pose: (6) of the platform [m, rad].
+        pose: (6) of the platform, or rows (rows, 6) [m, rad].
         limb: counted from 1.
-        lengths: (2) of its left and right leg [m].
-        locked: (4) values of q_1, q_2, q_3 and q_6 [rad].
+        lengths: (2) of its left and right leg, or those of each row [m].
+        locked: (4) values of q_1, q_2, q_3 and q_6, or those of each row [rad].
         along: line of the limb's chain.
 
     Raises:
         ValueError: wrong shapes, or legs that do not meet.
     """
-    left, right = of_width(lengths, 2, "lengths")
-    q_1, q_2, q_3, q_6 = of_width(locked, 4, "locked")
+    left, right = numbers_of(of_width(lengths, 2, "lengths"))
+    q_1, q_2, q_3, q_6 = np.moveaxis(of_width(locked, 4, "locked"), -1, 0)
     apart = float(np.linalg.norm(geometry.pivots[1] - geometry.pivots[0]))
     if along == "middle":
-        length = float(np.sqrt(0.5 * (left**2 + right**2) - 0.25 * apart**2))
+        length = sqrt(0.5 * (left**2 + right**2) - 0.25 * apart**2)
         sine = (right**2 - left**2) / (2.0 * length * apart)
     else:
-        length = float(left)
+        length = left
         sine = (right**2 - left**2 - apart**2) / (2.0 * left * apart)
-    if not abs(sine) <= 1.0:
+    sines = np.array(values_of(sine))
+    if not (np.abs(sines) <= 1.0).all():
         raise ValueError(f"legs of {left:g} and {right:g} m do not meet: {apart:g} m are between")
-    q_5, turn = np.arcsin(sine), -geometry.angles[limb - 1]
+    q_5, turn = np.arcsin(sines), np.full(sines.shape, -geometry.angles[limb - 1])
     R_WP, origin = _frames(of_width(pose, 6, "pose"))
-    R_WL = R_WP @ _rotation("XYZ", q_5, -q_6, turn).T
-    R_WA = R_WL @ _rotation("ZYX", q_1, -q_2, -q_3).T
-    foot = origin + R_WP @ _ends(geometry, along)[limb - 1] - length * R_WL[:, 2]
-    return np.concatenate((foot, _angles(R_WA)))
+    R_WL = R_WP @ np.swapaxes(_rotation("XYZ", q_5, -q_6, turn), -1, -2)
+    R_WA = R_WL @ np.swapaxes(_rotation("ZYX", q_1, -q_2, -q_3), -1, -2)
+    end = product(R_WP, _ends(geometry, along)[limb - 1])
+    foot = origin + end - np.array(values_of(length))[..., np.newaxis] * R_WL[..., 2]
+    return np.concatenate((foot, _angles(R_WA)), axis=-1)
 
 
 def turned_foot(foot_pose: Array, angle: float) -> Array:
@@ -160,6 +164,12 @@ def turned_foot(foot_pose: Array, angle: float) -> Array:
     R_WA, place = _frames(foot_pose)
     turn = angle * R_WA[:, 2]
     return np.concatenate((place, turned_angles(foot_pose[3:].tolist(), turn.tolist())))
+
+
+def turned_feet(feet: Array, angles: Array) -> Array:
+    """Poses (rows, 6) of feet after turns (rows) [rad], each as `turned_foot` has it for one."""
+    turns = angles[:, np.newaxis] * _frames(feet)[0][..., :, 2]
+    return moved_alone(feet, np.hstack((turns, np.zeros_like(turns))))
 
 
 class _Chains(NamedTuple):

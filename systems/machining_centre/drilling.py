@@ -5,8 +5,10 @@ import math
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.elementwise import Elementwise, greatest, least, where
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.ports import elements, read_batch
+from parapod.systems.core.rows import number_of
 from parapod.systems.machining_centre.job import Process
 from parapod.systems.machining_centre.panel import Panel
 
@@ -63,28 +65,29 @@ class DrillingProcess(LeafSystem):
         self.DeclareVectorOutputPort("tip_height", 1, self._calc_height, {self._pose.ticket()})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _height(self, context: Context) -> float:
+    def _height(self, context: Context) -> Elementwise:
         """Height of the tip above the panel; far away if it is not known."""
-        pose = read_array(self._pose, context)
-        if not (np.isfinite(pose).all() and np.abs(pose).max() < _FAR):
-            return _AWAY
-        height = float(self._panel.place(self._process.tip(pose))[2])
-        is_upright = math.cos(pose[3]) * math.cos(pose[4]) > _COSINE
-        return height if is_upright else _AWAY
+        pose = read_batch(self._pose, context)
+        is_near = (np.abs(pose) < _FAR).all(axis=-1)
+        pose = np.where(is_near[..., np.newaxis], pose, 0.0)
+        height = self._panel.place(self._process.tip(pose))[..., 2]
+        is_upright = np.cos(pose[..., 3]) * np.cos(pose[..., 4]) > _COSINE
+        return number_of(np.where(is_near & is_upright, height, _AWAY))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        depth, share = context.get_discrete_state(0).value().tolist()
+        depth, share = elements(context.get_discrete_state(0))
         deep = -self._height(context)
-        if deep < -_OUT:
-            depth = 0.0
-        cut = max(0.0, deep - max(depth, 0.0)) / self._period / self._feed
-        feed = min(_MOST, cut) * min(1.0, max(deep, 0.0) / _POINT)
+        depth = where(deep < -_OUT, 0.0, depth)
+        cut = greatest(0.0, deep - greatest(depth, 0.0)) / self._period / self._feed
+        feed = least(_MOST, cut) * least(1.0, greatest(deep, 0.0) / _POINT)
         share += -math.expm1(-self._period / _LAG) * (feed - share)
-        state.set_value(0, np.array((max(depth, deep), share)))
+        state.set_value(0, np.array((greatest(depth, deep), share)))
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
-        share = float(context.get_discrete_state(0).value()[1])
-        output.SetFromVector(share * np.array((self._process.thrust, self._process.torque)))
+        _, share = elements(context.get_discrete_state(0))
+        output.SetFromVector(
+            np.array((share * self._process.thrust, share * self._process.torque))
+        )
 
     def _calc_height(self, context: Context, output: BasicVector) -> None:
         output[0] = self._height(context)

@@ -8,11 +8,12 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import declare_cached, read, read_array
+from parapod.systems.core.ports import batch, declare_cached, read, read_batch
+from parapod.systems.core.rows import answer_of, common, number_of, shared
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.job import swung_to
-from parapod.systems.machining_centre.platform_mode import inverse_kinematics, leg_lengths
+from parapod.systems.machining_centre.job import swung_alone_to, swung_to
+from parapod.systems.machining_centre.platform_mode import leg_lengths, within_stroke
 from parapod.systems.machining_centre.posture import LOCKS_OF_LIMB, closed_locks
 from parapod.systems.machining_centre.swing import SingularSwing
 
@@ -24,7 +25,7 @@ class _Led(NamedTuple):
     pose: Array
     foot: Array
     more: Array
-    is_stuck: bool
+    is_stuck: Array
 
 
 class CentreFeedforward(LeafSystem):
@@ -114,20 +115,22 @@ class CentreFeedforward(LeafSystem):
 
     def _calc_now(self, context: Context) -> _Led:
         """Lengths and poses that are to be now: where nothing moves, those that are known."""
-        state: Array = context.get_discrete_state(0).value()
+        state = batch(context.get_discrete_state(0), context)
         legs = self._geometry.legs
         lengths, pose, foot, more, known_lengths = np.split(
-            state.copy(), np.cumsum((legs, 6, 6, legs))
+            state, np.cumsum((legs, 6, 6, legs)), axis=-1
         )
-        if known_lengths[0] < 0.5:
-            lengths = read_array(self._ports["position_measured"], context)
-        if self._mode(context) != 0 and known_lengths[0] > 0.5:
-            return _Led(lengths, pose, foot, more, False)
-        pose, feet = read_array(self._ports["pose"], context), self._feet(context)
+        is_stuck = np.zeros(state.shape[:-1])
+        is_known = answer_of(known_lengths[..., 0] > 0.5)
+        if not is_known:
+            lengths = read_batch(self._ports["position_measured"], context)
+        if is_known and self._mode(context) != 0:
+            return _Led(lengths, pose, foot, more, is_stuck)
+        pose, feet = read_batch(self._ports["pose"], context), self._feet(context)
         limb = self._whole("loose_limb", context)
-        foot = feet[limb - 1] if 1 <= limb <= len(feet) else np.zeros(6)
+        foot = feet[..., limb - 1, :] if self._is_limb(limb) else np.zeros_like(pose)
         more = lengths - leg_lengths(self._geometry, pose, feet)
-        return _Led(lengths, pose, foot, more, False)
+        return _Led(lengths, pose, foot, more, is_stuck)
 
     def _mode(self, context: Context) -> int:
         return self._whole("mode", context)
@@ -135,42 +138,55 @@ class CentreFeedforward(LeafSystem):
     def _whole(self, name: str, context: Context) -> int:
         """Whole number at an input; 0 if it is not finite."""
         (value,) = read(self._ports[name], context)
-        return round(value) if math.isfinite(value) else 0
+        return shared(_rounded, value)
+
+    def _is_limb(self, number: int) -> bool:
+        return 1 <= number <= self._geometry.limbs
 
     def _feet(self, context: Context) -> Array:
-        return read_array(self._ports["feet"], context).reshape(-1, 6)
+        return self._of_limbs("feet", context)
+
+    def _of_limbs(self, name: str, context: Context) -> Array:
+        """Values (n, k) at an input."""
+        values = read_batch(self._ports[name], context)
+        return values.reshape(*values.shape[:-1], self._geometry.limbs, -1)
 
     def _calc_led(self, context: Context) -> _Led:
         now, mode = self._now(context), self._mode(context)
         if mode == 0:
             return now
-        target, feet = read_array(self._ports["target"], context), self._feet(context)
-        try:
-            if mode == 1:
-                lengths = inverse_kinematics(self._geometry, target, feet)
-                return now._replace(lengths=lengths + now.more, pose=target)
-            return self._swung(context, now, target, feet)
-        except (UnreachablePosture, SingularSwing, ValueError):
-            return now._replace(is_stuck=True)
-
-    def _swung(self, context: Context, now: _Led, target: Array, feet: Array) -> _Led:
-        ports, n = self._ports, self._geometry.limbs
+        target, feet = read_batch(self._ports["target"], context), self._feet(context)
+        stuck = now._replace(is_stuck=np.ones_like(now.is_stuck))
+        if mode == 1:
+            lengths = leg_lengths(self._geometry, target, feet)
+            if not answer_of(within_stroke(self._geometry, lengths).all(axis=-1)):
+                return stuck
+            return now._replace(lengths=lengths + now.more, pose=target)
         limb = self._whole("loose_limb", context)
-        if not 1 <= limb <= n:
-            return now._replace(is_stuck=True)
-        values = read_array(ports["locked_at"], context).reshape(n, -1)
-        closed = read_array(ports["locks_closed"], context).reshape(n, -1) > 0.5
-        locks = closed_locks(self._geometry, limb, values, feet, closed)
-        toward = read_array(ports["toward"], context)
-        goal = toward if np.isfinite(toward).all() else None
-        swung = swung_to(self._geometry, locks, target, now.pose, toward=goal)
-        return now._replace(
-            lengths=swung.lengths + now.more, pose=swung.pose, foot=swung.foot_pose
-        )
+        if not self._is_limb(limb):
+            return stuck
+        values, closed = (self._of_limbs(name, context) for name in ("locked_at", "locks_closed"))
+        toward = read_batch(self._ports["toward"], context)
+        goal = toward if answer_of(np.isfinite(toward).all(axis=-1)) else None
+        which = common(closed > 0.5, 2)
+        try:
+            locks = closed_locks(self._geometry, limb, values, feet, which)
+            if target.ndim > 1:
+                swung = swung_alone_to(self._geometry, locks, target, now.pose, goal)
+            else:
+                one = swung_to(self._geometry, locks, target, now.pose, toward=goal)
+                swung = one.lengths, one.pose, one.foot_pose
+        except (UnreachablePosture, SingularSwing, ValueError):
+            return stuck
+        lengths, pose, foot = swung
+        if not answer_of(np.isfinite(lengths).all(axis=-1)):
+            return stuck
+        return now._replace(lengths=lengths + now.more, pose=pose, foot=foot)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        lead = self._led.value(self, context)
-        state.set_value(0, np.concatenate((lead.lengths, lead.pose, lead.foot, lead.more, (1.0,))))
+        *parts, is_stuck = self._led.value(self, context)
+        one = np.ones_like(is_stuck)[..., np.newaxis]
+        state.set_value(0, np.concatenate((*parts, one), axis=-1))
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._led.value(self, context).lengths)
@@ -182,8 +198,12 @@ class CentreFeedforward(LeafSystem):
         output.SetFromVector(self._now(context).foot)
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        measured = read_array(self._ports["position_measured"], context)
+        measured = read_batch(self._ports["position_measured"], context)
         output.SetFromVector(measured - self._now(context).lengths)
 
     def _calc_is_stuck(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._led.value(self, context).is_stuck)
+        output[0] = number_of(self._led.value(self, context).is_stuck)
+
+
+def _rounded(value: float) -> int:
+    return round(value) if math.isfinite(value) else 0

@@ -37,6 +37,7 @@ from parapod.systems.machining_centre.swing import (
     SingularSwing,
     SwingPose,
     close_locks,
+    legs_alone,
     lock_conditions,
     swing_inverse,
     turns,
@@ -374,6 +375,19 @@ def swung_to(
         *(geometry, foot, locks, near),
         turns=turns(geometry),
         freedom=freedom,
+        toward=toward,
+        tolerance=_TOLERANCE,
+        last_step=_LAST_STEP * geometry.size,
+    )
+
+
+def swung_alone_to(
+    geometry: CentreGeometry, locks: Locks, feet: Array, near: Array, toward: Array | None
+) -> tuple[Array, Array, Array]:
+    """Lengths and poses of rows, each as `swung_to` has them; see `legs_alone`."""
+    return legs_alone(
+        *(geometry, feet, locks, near),
+        turns=turns(geometry),
         toward=toward,
         tolerance=_TOLERANCE,
         last_step=_LAST_STEP * geometry.size,

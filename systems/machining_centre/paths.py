@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from parapod.systems.core.elementwise import Elementwise, greatest, least
 from parapod.systems.core.motion_laws import quintic
+from parapod.systems.core.rows import values_of
 from parapod.systems.core.vectors import Array
-from parapod.systems.machining_centre.platform_mode import displacement, moved
+from parapod.systems.machining_centre.platform_mode import displacement, moved, moved_alone
 
 # Largest speed and acceleration of a quintic from rest to rest, by way and duration [-].
 _SPEED, _ACCELERATION = 1.875, 10.0 / math.sqrt(3.0)
@@ -56,16 +58,21 @@ def duration_of(start: Array, end: Array, speeds: Speeds, speed: float) -> float
     )
 
 
-def platform_at(start: Array, by: Array, share: float) -> Array:
+def platform_at(start: Array, by: Array, share: Elementwise) -> Array:
     """Pose (6) on a straight way, turning about one axis, at a share of the time.
 
     Args:
-        start: pose (6) where it begins [m, rad].
-        by: `displacement` (6) to where it ends.
+        start: pose (6) where it begins, or one of each row (rows, 6) [m, rad].
+        by: `displacement` (6) to where it ends, of each row too.
         share: share of the duration that has passed.
     """
-    progress = float(quintic(np.array(min(max(share, 0.0), 1.0)))[0])
-    return moved(start, progress * by)
+    within = least(greatest(share, 0.0), 1.0)
+    return _advanced(start, by, quintic(np.array(values_of(within)))[0])
+
+
+def _advanced(start: Array, by: Array, progress: Array) -> Array:
+    way = progress[..., np.newaxis] * by
+    return moved(start, way) if start.ndim == 1 else moved_alone(start, way)
 
 
 def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> float:
@@ -93,28 +100,31 @@ def swing_duration(start: Array, end: Array, lift: float, speeds: Speeds) -> flo
     )
 
 
-def foot_at(start: Array, end: Array, by: Array, lift: float, share: float) -> Array:
+def foot_at(start: Array, end: Array, by: Array, lift: float, share: Elementwise) -> Array:
     """Pose (6) of a swinging foot at a share of the time: up, across, down.
 
     It leaves its foothold along that one's third axis, and comes down along the other's.
 
     Args:
-        start: pose (6) of the foot where it begins [m, rad].
-        end: pose (6) where it ends.
+        start: pose (6) of the foot where it begins, or one of each row (rows, 6) [m, rad].
+        end: pose (6) where it ends, of each row too.
         by: `displacement` (6) from one to the other.
         lift: height of the swing [m].
         share: share of the duration that has passed.
     """
     begin, finish = _ACROSS
-    across = np.clip((share - begin) / (finish - begin), 0.0, 1.0)
-    up = np.clip(min(share, 1.0 - share) / _RISING, 0.0, 1.0)
+    across = np.clip(values_of((share - begin) / (finish - begin)), 0.0, 1.0)
+    up = np.clip(values_of(least(share, 1.0 - share) / _RISING), 0.0, 1.0)
     (advance, raised), *_ = quintic(np.stack((across, up)))
-    pose = moved(start, advance * by)
+    pose = _advanced(start, by, advance)
+    advance, raised = advance[..., np.newaxis], raised[..., np.newaxis]
     out = (1.0 - advance) * _third_axis(start) + advance * _third_axis(end)
-    pose[:3] += lift * raised * out
+    pose[..., :3] += lift * raised * out
     return pose
 
 
 def _third_axis(pose: Array) -> Array:
-    (s_r, s_p, s_y), (c_r, c_p, c_y) = np.sin(pose[3:]), np.cos(pose[3:])
-    return np.array((c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r))
+    angles = np.moveaxis(pose[..., 3:], -1, 0)
+    (s_r, s_p, s_y), (c_r, c_p, c_y) = np.sin(angles), np.cos(angles)
+    axis = (c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r)
+    return np.stack(axis, axis=-1)

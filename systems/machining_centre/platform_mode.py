@@ -4,7 +4,7 @@ Inside, arrays have the batch last and the components first: numpy's loops then 
 batch, which is some ten times faster than small matrices one after the other.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.errors import UnreachablePosture
+from parapod.systems.core.rows import each, matrix_of, numbers_of
 from parapod.systems.core.vectors import (
     Array,
     cross,
@@ -167,26 +168,76 @@ def forward_kinematics(
     shape = np.broadcast_shapes(goal.shape[:-1], pose.shape[:-1])
     goal = np.broadcast_to(goal, (*shape, geometry.legs))
     pose = np.broadcast_to(pose, (*shape, 6)).copy()
-    scale = length_scale(geometry)
     step = np.full(shape, np.inf)
     for _ in range(_MOST_STEPS):
-        legs = legs_at(geometry, pose, footholds)
-        missing = goal - np.moveaxis(legs.lengths, 0, -1)
-        scaled = np.moveaxis(rows_of(legs), (0, 1), (-2, -1)) / scale
-        left, values, right = decomposed(scaled)
-        along = times(np.swapaxes(left, -1, -2), missing) / values
-        move = times(np.swapaxes(right, -1, -2), along)
-        step = np.sqrt(np.sum(move**2, axis=-1))
+        twist, step, missing, values = _newton_step(geometry, goal, pose, footholds)
         going = step > _CONVERGED
-        longest = _LONGEST_STEP * geometry.platform_radius
-        shortened = np.minimum(1.0, longest / np.maximum(step, longest))[..., None]
         if going.any():
-            pose = moved(pose, np.where(going[..., None], shortened * move / scale, 0.0))
+            pose = moved(pose, np.where(going[..., None], twist, 0.0))
         if not (step > last_step).any():
             break
     has_converged = step <= last_step
     pose[~has_converged] = np.nan
     return AssembledPose(pose, np.abs(missing).max(axis=-1), step, values[..., -1])
+
+
+def poses_alone(
+    geometry: CentreGeometry, lengths: Array, near: Array, footholds: Array, last_step: float
+) -> Array:
+    """Poses (rows, 6) by `forward_kinematics`, each to the last bit as if it were alone.
+
+    Args:
+        geometry: the centre.
+        lengths: (rows, 2n) [m].
+        near: (rows, 6) poses nearby.
+        footholds: (rows, n, 6) poses of the feet's frames.
+        last_step: see `forward_kinematics`.
+    """
+    poses, going_on = near.copy(), np.arange(len(near))
+    for _ in range(_MOST_STEPS):
+        twist, step, *_ = _newton_step(
+            geometry, lengths[going_on], poses[going_on], footholds[going_on]
+        )
+        moves = step > _CONVERGED
+        poses[going_on[moves]] = moved_alone(poses[going_on[moves]], twist[moves])
+        poses[going_on[np.isnan(step)]] = np.nan
+        going_on = going_on[step > last_step]
+        if not going_on.size:
+            break
+    poses[going_on] = np.nan
+    return poses
+
+
+def moved_alone(poses: Array, twists: Array) -> Array:
+    """Poses (rows, 6) after displacements, each as `moved` has it for one."""
+    angles = numbers_of(np.hstack((poses[:, 3:], twists[:, :3])))
+    (turned,) = each(lambda *of: turned_angles(of[:3], of[3:]), *([column] for column in angles))
+    position = poses[:, :3] + twists[:, 3:]
+    return np.column_stack((position, matrix_of(turned, len(poses)).T))
+
+
+def displacement_alone(start: Array, end: Array) -> Array:
+    """Displacements (rows, 6), each as `displacement` has it for one."""
+    angles: list[Any] = numbers_of(np.hstack((start[:, 3:], end[:, 3:])))
+    vector = turn_between(angles[:3], angles[3:])
+    return np.column_stack((matrix_of(vector, len(start)).T, end[:, :3] - start[:, :3]))
+
+
+def _newton_step(
+    geometry: CentreGeometry, goal: Array, pose: Array, footholds: ArrayLike | None
+) -> tuple[Array, Array, Array, Array]:
+    """Displacement towards lengths, its length, what the lengths lack, and singular values."""
+    scale = length_scale(geometry)
+    legs = legs_at(geometry, pose, footholds)
+    missing = np.ascontiguousarray(goal - np.moveaxis(legs.lengths, 0, -1))
+    scaled = np.moveaxis(rows_of(legs), (0, 1), (-2, -1)) / scale
+    left, values, right = decomposed(scaled)
+    along = times(np.swapaxes(left, -1, -2), missing) / values
+    move = times(np.swapaxes(right, -1, -2), along)
+    step = np.sqrt(np.sum(move**2, axis=-1))
+    longest = _LONGEST_STEP * geometry.platform_radius
+    shortened = np.minimum(1.0, longest / np.maximum(step, longest))[..., None]
+    return shortened * move / scale, step, missing, values
 
 
 def length_scale(geometry: CentreGeometry) -> Array:

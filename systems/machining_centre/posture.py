@@ -4,24 +4,30 @@ Clamped feet stay where they were clamped, and locked joints keep the values at 
 locked: so the centre knows where it has walked. The same reckoning is a plant without dynamics.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.core.ports import batch, declare_cached, read_batch
+from parapod.systems.core.rows import common, number_of
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.branch import branch_joints
 from parapod.systems.machining_centre.geometry import CentreGeometry
-from parapod.systems.machining_centre.platform_mode import feet_of, forward_kinematics
+from parapod.systems.machining_centre.platform_mode import (
+    feet_of,
+    forward_kinematics,
+    poses_alone,
+)
 from parapod.systems.machining_centre.swing import (
     LOCKABLE,
     Locks,
     LockSet,
     SingularSwing,
     swing_forward,
+    swung_alone,
 )
 
 LOCKS_OF_LIMB = len(LOCKABLE)
@@ -44,7 +50,7 @@ class Posture(NamedTuple):
 
 def lockable_joints(geometry: CentreGeometry, posture: Posture) -> Array:
     """(n, 4) values of the joints that carry locks, q_1, q_2, q_3 and q_6 of each limb [rad]."""
-    return branch_joints(geometry, posture.pose, posture.feet, along="left")[:, _INDICES]
+    return branch_joints(geometry, posture.pose, posture.feet, along="left")[..., _INDICES]
 
 
 def closed_locks(
@@ -55,8 +61,8 @@ def closed_locks(
     Args:
         geometry: the centre.
         limb: the loose limb, counted from 1; its own locks are taken to be closed.
-        values: (n, 4) at which joints were locked [rad].
-        feet: (n, 6) poses of the feet's frames [m, rad].
+        values: (n, 4) at which joints were locked, or those of each row [rad].
+        feet: (n, 6) poses of the feet's frames, or those of each row [m, rad].
         closed: (n, 4) which locks are.
 
     Raises:
@@ -70,8 +76,8 @@ def closed_locks(
     )
     lock_set = LockSet(limb, standing)
     lock_set.check(geometry)
-    chosen = [values[other - 1, LOCKABLE.index(joint)] for other, joint in lock_set.joints]
-    return Locks(lock_set, np.array(chosen), feet, "left")
+    chosen = [values[..., other - 1, LOCKABLE.index(joint)] for other, joint in lock_set.joints]
+    return Locks(lock_set, np.stack(chosen, axis=-1), feet, "left")
 
 
 def posture_of(
@@ -114,13 +120,49 @@ def posture_of(
     return Posture(swung.pose, feet)
 
 
+def _postures_of(
+    geometry: CentreGeometry,
+    lengths: Array,
+    before: Posture,
+    values: Array,
+    locked: NDArray[np.bool_],
+    clamped: NDArray[np.bool_],
+) -> tuple[Posture, NDArray[np.bool_]]:
+    """Postures by `posture_of`, or those before, and whether they are determined.
+
+    Arguments may be those of rows, but for `clamped`; rows with other locks part.
+    """
+    if lengths.ndim == 1:
+        posture = posture_of(geometry, lengths, before, values, locked, clamped)
+        return posture or before, np.array(posture is not None)
+    loose, last = np.flatnonzero(~clamped).tolist(), _LAST_STEP * geometry.size
+    (poses, feet), nowhere = before, (before, np.zeros(len(lengths), dtype=np.bool_))
+    if not loose:
+        poses = poses_alone(geometry, lengths, poses, feet, last)
+    elif len(loose) > 1 or not (closed := common(locked, 2))[loose].all():
+        return nowhere
+    else:
+        try:
+            locks = closed_locks(geometry, loose[0] + 1, values, feet, closed)
+        except ValueError:  # too few locks
+            return nowhere
+        feet = feet.copy()
+        poses, feet[:, loose[0]] = swung_alone(geometry, lengths, locks, poses, last)
+    is_determined = np.isfinite(poses).all(axis=-1) & np.isfinite(feet).all(axis=(-2, -1))
+    chosen = is_determined[:, np.newaxis]
+    return Posture(
+        np.where(chosen, poses, before.pose),
+        np.where(chosen[..., np.newaxis], feet, before.feet),
+    ), is_determined
+
+
 class _Found(NamedTuple):
     """Posture, values at which joints are locked, which are, and whether it is determined."""
 
     posture: Posture
     values: Array
     locked: NDArray[np.bool_]
-    is_determined: bool
+    is_determined: NDArray[np.bool_]
 
 
 class CentrePosture(LeafSystem):
@@ -194,47 +236,60 @@ class CentrePosture(LeafSystem):
     def _calc_shown(self, context: Context) -> _Found:
         """Finding of the last update."""
         n, locks = self._geometry.limbs, LOCKS_OF_LIMB * self._geometry.limbs
-        state: Array = context.get_discrete_state(0).value().copy()
-        pose, feet, values, locked, known_lengths = np.split(
-            state, np.cumsum((6, 6 * n, locks, locks))
+        state = batch(context.get_discrete_state(0), context)
+        pose, feet, values, locked, is_determined = np.split(
+            state, np.cumsum((6, 6 * n, locks, locks)), axis=-1
         )
-        posture = Posture(pose, feet.reshape(n, 6))
+        shape = *state.shape[:-1], n, -1
+        posture = Posture(pose, feet.reshape(shape))
         return _Found(
-            posture, values.reshape(n, -1), locked.reshape(n, -1) > 0.5, known_lengths[0] > 0.5
+            posture,
+            values.reshape(shape),
+            locked.reshape(shape) > 0.5,
+            is_determined[..., 0] > 0.5,
         )
 
     def _calc(self, context: Context) -> _Found:
         before, values, was, _ = self._calc_shown(context)
-        locked = (read_array(self._locks, context) > 0.5).reshape(was.shape)
-        clamped = read_array(self._clamps, context) > 0.5
+        locked = (read_batch(self._locks, context) > 0.5).reshape(was.shape)
+        clamped = common(read_batch(self._clamps, context) > 0.5)
         closing = locked & ~was
         if closing.any():  # at the values that they had a moment ago
-            values[closing] = lockable_joints(self._geometry, before)[closing]
-        lengths = read_array(self._position, context)
-        posture = posture_of(self._geometry, lengths, before, values, locked, clamped)
-        return _Found(posture or before, values, locked, posture is not None)
+            values = np.where(closing, lockable_joints(self._geometry, before), values)
+        lengths = read_batch(self._position, context)
+        posture, is_determined = _postures_of(
+            self._geometry, lengths, before, values, locked, clamped
+        )
+        return _Found(posture, values, locked, is_determined)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         posture = self._found.value(self, context)
         pose, feet = posture.posture
-        parts = (pose, feet.ravel(), posture.values.ravel(), posture.locked.ravel())
-        state.set_value(0, np.concatenate((*parts, (posture.is_determined,))).astype(float))
+        parts = (pose, *map(_flat, (feet, posture.values, posture.locked)))
+        state.set_value(
+            0, np.concatenate((*parts, posture.is_determined[..., np.newaxis]), axis=-1)
+        )
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._shown.value(self, context).posture.pose)
 
     def _calc_feet(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.value(self, context).posture.feet.ravel())
+        output.SetFromVector(_flat(self._shown.value(self, context).posture.feet))
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
         posture = self._shown.value(self, context).posture
-        output.SetFromVector(lockable_joints(self._geometry, posture).ravel())
+        output.SetFromVector(_flat(lockable_joints(self._geometry, posture)))
 
     def _calc_locked_at(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._shown.value(self, context).values.ravel())
+        output.SetFromVector(_flat(self._shown.value(self, context).values))
 
     def _calc_is_determined(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._shown.value(self, context).is_determined)
+        output[0] = number_of(self._shown.value(self, context).is_determined.astype(float))
+
+
+def _flat(of_limbs: NDArray[Any]) -> NDArray[Any]:
+    """Values (n, k) of the limbs as a vector, of one centre or of rows of them."""
+    return of_limbs.reshape(*of_limbs.shape[:-2], -1)
 
 
 def _beginning(geometry: CentreGeometry, pose: ArrayLike, footholds: ArrayLike | None) -> Array:

@@ -14,6 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
+from parapod.systems.core.elementwise import Elementwise, either, least, negated, where
+from parapod.systems.core.rows import (
+    answer_of,
+    common,
+    matrix_of,
+    numbers_of,
+    shared,
+    values_of,
+)
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import (
@@ -241,18 +250,22 @@ class Progress:
         return replace(self, phase=Phase.FAULT, fault=fault, where=where, broken_off=self.phase)
 
     def numbers(self) -> Array:
-        """All of it as numbers."""
-        numbers = [float(getattr(self, name)) for name in _NUMBERS]
-        return np.concatenate((numbers, self.start, self.end, self.by))
+        """All of it as numbers, or those of each row."""
+        numbers = [getattr(self, name) for name in _NUMBERS]
+        poses = np.concatenate((self.start, self.end, self.by), axis=-1)
+        if poses.ndim == 1:
+            return np.concatenate((numbers, poses))
+        return np.hstack((matrix_of(numbers, len(poses)).T, poses))
 
     @classmethod
     def from_numbers(cls, numbers: Array) -> "Progress":
-        """The progress of its numbers."""
-        values = numbers[: len(_NUMBERS)].tolist()
+        """The progress of its numbers; rows in another phase, or of another whole number, part."""
+        values, poses = np.split(numbers, (len(_NUMBERS),), axis=-1)
         named: dict[str, Any] = {
-            name: kind(value) for (name, kind), value in zip(_NUMBERS.items(), values, strict=True)
+            name: value if kind is float else shared(kind, value)
+            for (name, kind), value in zip(_NUMBERS.items(), numbers_of(values), strict=True)
         }
-        start, end, by = np.split(numbers[len(_NUMBERS) :].copy(), 3)
+        start, end, by = np.split(poses.copy(), 3, axis=-1)
         return cls(**named, start=start, end=end, by=by)
 
 
@@ -383,17 +396,17 @@ class Sequence:
             shares = np.linspace(0.0, 1.0, len(operation.way))
             self._ways[progress.operation] = CubicSpline(shares, operation.way)
         share = self.share(progress, ahead) if progress.move == 0 else 1.0
-        return np.asarray(self._ways[progress.operation](share))
+        return np.asarray(self._ways[progress.operation](values_of(share)))
 
     def _lift(self, progress: Progress) -> float:
         """Height of a foot's motion: none of the last one, by which it comes to its place [m]."""
         return self.job.lift if progress.move == 0 else 0.0
 
-    def share(self, progress: Progress, ahead: float) -> float:
+    def share(self, progress: Progress, ahead: float) -> Elementwise:
         """Share of the motion that has passed some time ahead [s]."""
         if progress.duration == 0.0:
             return 0.0
-        return min(1.0, (progress.clock + progress.rate * ahead) / progress.duration)
+        return least(1.0, (progress.clock + progress.rate * ahead) / progress.duration)
 
     def at(self, progress: Progress, ahead: float) -> Array:
         """Pose (6) of what moves, some time ahead [s]."""
@@ -420,44 +433,45 @@ class Sequence:
         if observed.is_stopped and (stopped := self._stopped(progress, observed)) is not None:
             return stopped
         if progress.clock < progress.duration:
-            rate = min(1.0, progress.rate + self.period / self.params.stopping)
+            rate = least(1.0, progress.rate + self.period / self.params.stopping)
             clock = progress.clock + progress.rate * self.period
             return replace(progress, clock=clock, rate=rate, rest=0.0, waited=0.0)
         return self._rested(progress, observed)
 
     def _rested(self, progress: Progress, observed: Seen) -> Progress:
         """Waits until legs and switches are as they should be; then goes on."""
-        is_right = bool(
-            (observed.locks == self.locks(progress)).all()
-            and (observed.clamps == self.clamps(progress)).all()
-            and np.abs(observed.error).max() <= self.params.tolerance
+        is_right = answer_of(
+            (observed.locks == self.locks(progress)).all(axis=(-2, -1))
+            & (observed.clamps == self.clamps(progress)).all(axis=-1)
+            & (np.abs(observed.error).max(axis=-1) <= self.params.tolerance)
         )
-        rest = progress.rest + self.period if is_right else 0.0
+        rest = where(is_right, progress.rest + self.period, 0.0)
         resting = replace(progress, rest=rest, waited=progress.waited + self.period)
         settling = self.params.settling
         if progress.phase is Phase.MACHINING and progress.move < _LAST_MOVE:
             settling = 0.0  # from one motion to the next
-        if not is_right or rest < settling - 1e-9:
+        if either(negated(is_right), rest < settling - 1e-9):
             return resting
         return self._next(resting, observed)
 
     def _next(self, progress: Progress, observed: Seen) -> Progress:
         """The phase or motion after one that is over."""
         phase, follows = progress.phase, RULES[progress.phase].follows
+        if phase is Phase.WAITING and observed.time < self.params.begin:
+            return progress
+        if follows is None and phase is not Phase.SETTLED:
+            return progress
+        _insist_on_one(observed)
         restarted = replace(
             progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=observed.pose
         )
-        if phase is Phase.WAITING and observed.time < self.params.begin:
-            return progress
         if phase is Phase.MACHINING and progress.move < _LAST_MOVE:
             return self._set_off(replace(restarted, move=progress.move + 1))
         if phase is Phase.SWING and progress.move == 0:
             foot = observed.feet[progress.limb - 1]
             return self._set_off(replace(restarted, move=1, start=foot))
-        if phase is Phase.SETTLED:
-            return self._begun(restarted, observed)
         if follows is None:
-            return progress
+            return self._begun(restarted, observed)
         if follows is Phase.UNLOCK:
             restarted = replace(restarted, move=_LAST_MOVE)
         elif progress.move == _LAST_MOVE:
@@ -521,6 +535,7 @@ class Sequence:
 
     def _stopped(self, progress: Progress, observed: Seen) -> Progress | None:
         """The progress of a job that is stopped; None where the phase goes on as it does."""
+        _insist_on_one(observed)
         phase, rest = (
             progress.phase,
             replace(progress, clock=0.0, rate=1.0, rest=0.0, waited=0.0, start=observed.pose),
@@ -543,8 +558,8 @@ class Sequence:
         rule, limb = RULES[progress.phase], progress.limb
         if observed.is_pressed:
             return Fault.EMERGENCY_STOP, 0
-        locks = np.argwhere(observed.locks != self.locks(progress))
-        clamps = np.flatnonzero(observed.clamps != self.clamps(progress)) + 1
+        locks = np.argwhere(common(observed.locks != self.locks(progress), 2))
+        clamps = np.flatnonzero(common(observed.clamps != self.clamps(progress))) + 1
         if rule.switches == "clamp":
             others = [other for other in clamps.tolist() if other != limb]
         else:
@@ -555,16 +570,29 @@ class Sequence:
             return Fault.LOCK_LOST, int(locks[0, 0]) + 1
         if observed.is_stuck:
             return Fault.NO_WAY, progress.operation + 1
-        is_known = np.isfinite(observed.feet).all() and np.isfinite(observed.pose).all()
-        if not (observed.is_determined and is_known):
+        is_known = np.isfinite(observed.feet).all(axis=(-2, -1))
+        is_known = is_known & np.isfinite(observed.pose).all(axis=-1)
+        if not (observed.is_determined and answer_of(is_known)):
             return Fault.NOT_DETERMINED, 0
         error = np.abs(observed.error)
         late = progress.waited > self.params.switching
-        if not error.max() <= (self.params.tolerance if late else self.params.largest_error):
+        allowed = where(late, self.params.tolerance, self.params.largest_error)
+        if not answer_of(error.max(axis=-1) <= values_of(allowed)):
+            _insist_on_one(observed)
             return Fault.OFF_COURSE, int(np.nan_to_num(error, nan=np.inf).argmax()) + 1
-        if late and (len(locks) or len(clamps)):
+        if (len(locks) or len(clamps)) and late:
             return Fault.SWITCH_LATE, int(clamps[0] if len(clamps) else locks[0, 0] + 1)
         return Fault.NONE, 0
+
+
+def _insist_on_one(observed: Seen) -> None:
+    """Has what happens rarely looked at one row at a time.
+
+    Raises:
+        TypeError: there are several rows.
+    """
+    if observed.pose.ndim > 1:
+        raise TypeError("rows are taken one at a time")
 
 
 def expected_duration(

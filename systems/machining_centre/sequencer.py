@@ -1,10 +1,14 @@
 """The sequencer: leads a centre through its job, phase by phase."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.elementwise import where
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import declare_cached, has_value, is_on, read_array, read_or_zeros
+from parapod.systems.core.ports import batch, declare_cached, has_value, is_on, read_batch
+from parapod.systems.core.rows import answer_of
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import Job
@@ -114,7 +118,7 @@ class CentreSequencer(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _calc_progress(self, context: Context) -> Progress:
-        return Progress.from_numbers(context.get_discrete_state(0).value())
+        return Progress.from_numbers(batch(context.get_discrete_state(0), context))
 
     def _progress(self, context: Context) -> Progress:
         progress: Progress = self._cached.value(self, context)
@@ -128,13 +132,14 @@ class CentreSequencer(LeafSystem):
         ports = self._ports
 
         def array(name: str) -> Array:
-            return read_array(ports[name], context)
+            return read_batch(ports[name], context)
 
+        locks, feet = array("locks_closed"), array("feet")
         return Seen(
             time=context.get_time(),
-            locks=(array("locks_closed") > 0.5).reshape(self._n, -1),
+            locks=(locks > 0.5).reshape(*locks.shape[:-1], self._n, -1),
             clamps=array("clamps_closed") > 0.5,
-            feet=array("feet").reshape(self._n, 6),
+            feet=feet.reshape(*feet.shape[:-1], self._n, 6),
             pose=array("pose_desired"),
             error=array("length_error"),
             load=np.nan_to_num(array("tool_force")),
@@ -150,14 +155,17 @@ class CentreSequencer(LeafSystem):
         pose, limb = self._ports["pose_asked"], self._ports["limb_asked"]
         if not has_value(pose, context):
             return None
-        (number,) = read_or_zeros(limb, context)
-        request = np.array([*read_array(pose, context), number])
-        return request if np.isfinite(request).all() else None
+        request = read_batch(pose, context)
+        no_limb = np.zeros_like(request[..., :1])
+        number = read_batch(limb, context) if has_value(limb, context) else no_limb
+        request = np.concatenate((request, number), axis=-1)
+        return request if answer_of(np.isfinite(request).all(axis=-1)) else None
 
     def _calc_mode(self, context: Context, output: BasicVector) -> None:
         progress = self._progress(context)
-        moving = progress.phase is not Phase.FAULT and progress.duration > 0.0
-        output[0] = float(MODES.index(progress.rule.moves)) if moving else 0.0
+        mode = 0.0 if progress.phase is Phase.FAULT else float(MODES.index(progress.rule.moves))
+        moving: Any = where(progress.duration > 0.0, mode, 0.0)
+        output[0] = moving
 
     def _calc_target(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._sequence.at(self._progress(context), self._period))

@@ -6,9 +6,11 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
+from parapod.systems.core.batching import row_by_row
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.ports import read_batch
+from parapod.systems.core.rows import answer_of
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.platform_mode import jacobian
@@ -79,13 +81,20 @@ class CentreStatics(LeafSystem):
         )
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        pose, feet = read_array(self._pose, context), read_array(self._feet, context)
-        tool = read_array(self._tool, context)
-        if not (np.isfinite(pose).all() and np.isfinite(feet).all() and np.isfinite(tool).all()):
-            output.SetFromVector(np.full(self._geometry.legs, np.nan))
+        pose, feet = read_batch(self._pose, context), read_batch(self._feet, context)
+        tool = read_batch(self._tool, context)
+        batch_shape = pose.shape[:-1]
+        if not answer_of(np.isfinite(np.concatenate((pose, feet, tool), axis=-1)).all(axis=-1)):
+            output.SetFromVector(np.full((*batch_shape, self._geometry.legs), np.nan))
             return
-        out = Rotation.from_euler("xyz", pose[3:]).as_matrix()[:, 2]
-        wrench = self._weight + np.concatenate((tool[1] * out, tool[0] * out))
-        standing = np.repeat(read_array(self._clamps, context) > 0.5, 2)
-        rows = jacobian(self._geometry, pose, feet.reshape(-1, 6)) * standing[:, np.newaxis]
-        output.SetFromVector(-np.linalg.lstsq(rows.T, wrench, rcond=None)[0])
+        out = Rotation.from_euler("xyz", pose[..., 3:]).as_matrix()[..., 2]
+        wrench = self._weight + np.concatenate((tool[..., 1:] * out, tool[..., :1] * out), axis=-1)
+        standing = np.repeat(read_batch(self._clamps, context) > 0.5, 2, axis=-1)
+        rows = jacobian(self._geometry, pose, feet.reshape(*batch_shape, -1, 6))
+        rows = rows * standing[..., np.newaxis]
+        output.SetFromVector(-row_by_row(_smallest_forces, 2, rows, wrench))
+
+
+def _smallest_forces(rows: Array, wrench: Array) -> Array:
+    forces: Array = np.linalg.lstsq(rows.T, wrench, rcond=None)[0]
+    return forces

@@ -11,21 +11,22 @@ foot's attitude has one direction that cannot be commanded. `lock_conditions` ch
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from parapod.systems.core.batching import of_width
 from parapod.systems.core.errors import ParapodError
-from parapod.systems.core.vectors import Array
+from parapod.systems.core.vectors import Array, product
 from parapod.systems.machining_centre.branch import (
     Along,
     branch_joints,
     branch_joints_and_rates,
     foot_of_limb,
+    turned_feet,
     turned_foot,
 )
 from parapod.systems.machining_centre.geometry import CentreGeometry
@@ -33,11 +34,14 @@ from parapod.systems.machining_centre.platform_mode import (
     check_strokes,
     decomposed,
     displacement,
+    displacement_alone,
     feet_of,
     jacobian,
     leg_lengths,
     length_scale,
     moved,
+    moved_alone,
+    within_stroke,
 )
 from parapod.systems.machining_centre.wrench import wrench_indices
 
@@ -137,6 +141,10 @@ class Locks:
     values: Array
     footholds: Array
     along: Along
+
+    def of_rows(self, rows: Any) -> "Locks":
+        """The locks of some of the rows, or of one of them."""
+        return replace(self, values=self.values[rows], footholds=self.footholds[rows])
 
 
 def lock_sets(geometry: CentreGeometry, limb: int) -> list[LockSet]:
@@ -414,35 +422,167 @@ def swing_forward(
     """
     goal = of_width(lengths, geometry.legs, "lengths").astype(np.float64)
     pose = of_width(near, 6, "near").astype(np.float64)
-    lock_set, unit, r_c = locks.lock_set, _unit_motion(geometry), geometry.platform_radius
-    legs, also = _standing_legs(geometry, lock_set), _indices(lock_set.standing)
-    values = locks.values[len(LOCKABLE) :]
-    smallest, residual = 0.0, np.inf
+    lock_set, r_c = locks.lock_set, geometry.platform_radius
+    smallest = 0.0
     for _ in range(_MOST_STEPS):
-        rows = jacobian(geometry, pose, locks.footholds)[legs] * unit / r_c
-        off = (goal - leg_lengths(geometry, pose, locks.footholds))[legs] / r_c
-        if lock_set.standing:
-            joints, rates = branch_joints_and_rates(
-                geometry, pose, locks.footholds, along=locks.along
-            )
-            rows = np.concatenate((rows, rates[also] * unit))
-            off = np.concatenate((off, _wrapped(values - joints[also])))
-        left, singular, right = decomposed(rows)
-        smallest, residual = float(singular[-1]), r_c * float(np.abs(off).max())
+        twist, steps, smallest_values, off = _forward_step(geometry, pose, goal, locks)
+        way, smallest = float(steps), float(smallest_values)
         if not smallest > _SINGULAR:
             break
-        move = right.T @ (left.T @ off / singular)
-        way = r_c * float(np.linalg.norm(move))
         if way > _CONVERGED:
-            pose = moved(pose, move * unit * min(1.0, 0.5 * r_c / way))
+            pose = moved(pose, twist * min(1.0, 0.5 * r_c / way))
         if way <= last_step:
-            limb = lock_set.limb
-            pair = goal[2 * limb - 2 : 2 * limb]
-            foot = foot_of_limb(geometry, pose, limb, pair, locks.values[:4], along=locks.along)
-            return SwungPose(pose, foot, residual, smallest)
+            foot = _foot_of(geometry, pose, goal, locks)
+            return SwungPose(pose, foot, r_c * float(np.abs(off).max()), smallest)
     raise SingularSwing(
         lock_set.limb, smallest, "what stands does not hold the platform near where it was"
     )
+
+
+def swung_alone(
+    geometry: CentreGeometry, lengths: Array, locks: Locks, near: Array, last_step: float
+) -> tuple[Array, Array]:
+    """Platforms and loose feet by `swing_forward`, each to the last bit as if it were alone.
+
+    Args:
+        geometry: the centre.
+        lengths: (rows, 2n) [m].
+        locks: the closed locks, with values and feet of each row.
+        near: (rows, 6) poses of the platforms nearby.
+        last_step: see `swing_inverse`.
+
+    Returns:
+        Poses (rows, 6) of platform and loose foot; NaN where what stands does not hold the
+        platform.
+
+    Raises:
+        ValueError: legs that do not meet.
+    """
+    poses, going_on, r_c = near.copy(), np.arange(len(near)), geometry.platform_radius
+    for _ in range(_MOST_STEPS):
+        twist, way, smallest, _ = _forward_step(
+            geometry, poses[going_on], lengths[going_on], locks.of_rows(going_on)
+        )
+        poses[going_on[~(smallest > _SINGULAR) | np.isnan(way)]] = np.nan
+        moves = (way > _CONVERGED) & (smallest > _SINGULAR)
+        share = np.minimum(1.0, 0.5 * r_c / way[moves])[:, np.newaxis]
+        poses[going_on[moves]] = moved_alone(poses[going_on[moves]], twist[moves] * share)
+        going_on = going_on[(way > last_step) & (smallest > _SINGULAR)]
+        if not going_on.size:
+            break
+    poses[going_on] = np.nan
+    feet, there = np.full(poses.shape, np.nan), np.flatnonzero(np.isfinite(poses).all(axis=-1))
+    if there.size:
+        feet[there] = _foot_of(geometry, poses[there], lengths[there], locks.of_rows(there))
+    return poses, feet
+
+
+def legs_alone(
+    geometry: CentreGeometry,
+    foot_poses: Array,
+    locks: Locks,
+    near: Array,
+    *,
+    turns: bool,
+    toward: Array | None,
+    tolerance: float,
+    last_step: float,
+    open_below: float = 1e-6,
+) -> tuple[Array, Array, Array]:
+    """Legs by `swing_inverse`, each to the last bit as if it were alone.
+
+    Args:
+        geometry: the centre.
+        foot_poses: (rows, 6) of the loose feet [m, rad].
+        locks: the closed locks, with values and feet of each row.
+        near: (rows, 6) poses of the platforms nearby.
+        turns: see `swing_inverse`, as all that follow.
+        toward: (rows, 6) poses [m, rad].
+        tolerance: [rad].
+        last_step: [m, and r_c rad].
+        open_below: [-].
+
+    Returns:
+        Lengths (rows, 2n), and poses (rows, 6) of platform and foot; NaN where there are none.
+    """
+    limb, r_c, unit = locks.lock_set.limb - 1, geometry.platform_radius, _unit_motion(geometry)
+    chosen, longest = (..., *_indices(locks.lock_set.joints[turns:])), _LONGEST * geometry.size
+    feet, poses = locks.footholds.copy(), near.copy()
+    feet[:, limb] = foot_poses
+    turned, drift = feet[:, limb].copy(), np.zeros(near.shape)
+    is_there, going_on = np.zeros(len(near), dtype=np.bool_), np.arange(len(near))
+    for step in range(_MOST_STEPS):
+        pose, start = poses[going_on], near[going_on]
+        joints, rates = branch_joints_and_rates(geometry, pose, feet[going_on], along=locks.along)
+        missing = _wrapped(locks.values[going_on, turns:] - joints[chosen])
+        left, values, right = decomposed(rates[(*chosen, slice(None))] * unit, full_matrices=True)
+        ranks = (values > open_below * values[:, :1]).sum(axis=-1)
+        if step == 0 and toward is not None:
+            is_open = ranks < right.shape[-1]
+            drift[is_open] = displacement_alone(start, toward)[is_open] / unit
+        displaced = displacement_alone(start, pose) / unit if step else np.zeros(pose.shape)
+        wanted, move = drift[going_on] - displaced, np.empty(pose.shape)
+        for rank in np.unique(ranks).tolist():
+            of = ranks == rank
+            back, ahead = np.swapaxes(left[of], -1, -2)[:, :rank], right[of]
+            along = product(back, missing[of]) / values[of, :rank]
+            move[of] = product(np.swapaxes(ahead[:, :rank], -1, -2), along)
+            if (free := ahead[:, rank:]).size:
+                move[of] += product(np.swapaxes(free, -1, -2), product(free, wanted[of]))
+        move[~np.isfinite(values).all(axis=-1)] = np.nan
+        way = r_c * _norm(move)
+        moves, ends = way > _CONVERGED, way <= last_step
+        poses[going_on[moves]] = moved_alone(pose[moves], move[moves] * unit)
+        ends &= np.abs(missing).max(axis=-1) <= tolerance
+        ending = going_on[ends]
+        is_there[ending] = True
+        if turns:  # as far as the last step has turned it too
+            by = product(rates[ends, limb, 0][:, np.newaxis], move[ends] * unit)[:, 0]
+            angles = _wrapped(joints[ends, limb, 0] + by - locks.values[ending, 0])
+            turned[ending] = turned_feet(turned[ending], angles)
+        distance = _norm(poses[going_on, :3] - start[:, :3])
+        going_on = going_on[(way > last_step) & (distance <= longest)]
+        if not going_on.size:
+            break
+    lengths = leg_lengths(geometry, poses, feet)
+    is_there &= within_stroke(geometry, lengths).all(axis=-1)
+    lengths[~is_there] = poses[~is_there] = turned[~is_there] = np.nan
+    return lengths, poses, turned
+
+
+def _foot_of(geometry: CentreGeometry, pose: Array, lengths: Array, locks: Locks) -> Array:
+    """Poses (..., 6) of the loose foot."""
+    limb = locks.lock_set.limb
+    pair, own = lengths[..., 2 * limb - 2 : 2 * limb], locks.values[..., :4]
+    return foot_of_limb(geometry, pose, limb, pair, own, along=locks.along)
+
+
+def _forward_step(
+    geometry: CentreGeometry, pose: Array, goal: Array, locks: Locks
+) -> tuple[Array, Array, Array, Array]:
+    """Displacement (..., 6) of the platform by a step of `swing_forward`, and its length.
+
+    Returns:
+        These, the smallest singular value, and what legs and locks are off.
+    """
+    lock_set, feet, unit = locks.lock_set, locks.footholds, _unit_motion(geometry)
+    legs, r_c = _standing_legs(geometry, lock_set), geometry.platform_radius
+    rows = jacobian(geometry, pose, feet)[..., legs, :] * unit / r_c
+    off = (goal - leg_lengths(geometry, pose, feet))[..., legs] / r_c
+    if lock_set.standing:
+        joints, rates = branch_joints_and_rates(geometry, pose, feet, along=locks.along)
+        also, values = _indices(lock_set.standing), locks.values[..., len(LOCKABLE) :]
+        rows = np.concatenate((rows, rates[(..., *also, slice(None))] * unit), axis=-2)
+        off = np.concatenate((off, _wrapped(values - joints[(..., *also)])), axis=-1)
+    left, singular, right = decomposed(rows)
+    along = product(np.swapaxes(left, -1, -2), off) / np.where(singular > 0.0, singular, np.nan)
+    move = product(np.swapaxes(right, -1, -2), along)
+    return move * unit, r_c * _norm(move), singular[..., -1], off
+
+
+def _norm(vector: Array) -> Array:
+    """Lengths of vectors, each as NumPy has it for one."""
+    return np.sqrt(product(vector[..., np.newaxis, :], vector))[..., 0]
 
 
 def _drift(

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.ports import batch, read_batch
 from parapod.systems.core.switching import are_safe
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.panel import Panel
@@ -70,24 +70,27 @@ class Switches(LeafSystem):
 
     def closed(self, context: Context) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which locks (n, 4) and clamps (n) are closed."""
-        return self._apart(context.get_discrete_state(0).value() > 0.5)
+        return self._apart(self._state(0, context) > 0.5)
 
     def due(self, context: Context) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
         """Which locks (n, 4) and clamps (n) are to be closed by now; None: those that are."""
-        waited: NDArray[np.float64] = context.get_discrete_state(1).value()
+        waited = self._state(1, context)
         if not waited.any():
             return None
-        closed = context.get_discrete_state(0).value() > 0.5
+        closed = self._state(0, context) > 0.5
         changed = (waited > max(self._delay - 1e-9, 0.0)) & (self._commanded(context) != closed)
         return self._apart(closed ^ changed) if changed.any() else None
 
+    def _state(self, group: int, context: Context) -> NDArray[np.float64]:
+        return batch(context.get_discrete_state(group), context)
+
     def _apart(self, closed: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        locks, clamps = np.split(closed, [LOCKS_OF_LIMB * self._n])
-        return locks.reshape(self._n, -1).copy(), clamps.copy()
+        locks, clamps = np.split(closed, [LOCKS_OF_LIMB * self._n], axis=-1)
+        return locks.reshape(*clamps.shape, -1).copy(), clamps.copy()
 
     def _commanded(self, context: Context) -> NDArray[np.bool_]:
-        commands = np.concatenate([read_array(p, context) for p in (self._locks, self._clamps)])
-        return are_safe(commands)
+        commands = [read_batch(port, context) for port in (self._locks, self._clamps)]
+        return are_safe(np.concatenate(commands, axis=-1))
 
     def set_closed(
         self, context: Context, locks: NDArray[np.bool_], clamps: NDArray[np.bool_]
@@ -102,23 +105,27 @@ class Switches(LeafSystem):
         context.SetDiscreteState(0, np.concatenate((locks.ravel(), clamps)).astype(float))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        closed = context.get_discrete_state(0).value() > 0.5
-        waited = context.get_discrete_state(1).value() + self._period
+        closed = self._state(0, context) > 0.5
+        waited = self._state(1, context) + self._period
         state.set_value(1, np.where(self._commanded(context) != closed, waited, 0.0))
         due = self.due(context)
         if self._panel is None or due is None:
             return
         (locks, clamps), (_, before) = due, self.closed(context)
-        feet = read_array(self._feet, context).reshape(-1, 6)
-        for i in np.flatnonzero(clamps & ~before):
-            clamps[i] = is_on_panel(self._panel, feet[i])
-        state.set_value(0, np.concatenate((locks.ravel(), clamps)).astype(float))
+        feet = read_batch(self._feet, context).reshape(*clamps.shape, 6)
+        for closes in map(tuple, np.argwhere(clamps & ~before)):
+            clamps[closes] = is_on_panel(self._panel, feet[closes])
+        state.set_value(0, np.concatenate((_flat(locks), clamps), axis=-1).astype(float))
 
     def _calc_locks(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.closed(context)[0].ravel().astype(float))
+        output.SetFromVector(_flat(self.closed(context)[0]).astype(float))
 
     def _calc_clamps(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.closed(context)[1].astype(float))
+
+
+def _flat(locks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return locks.reshape(*locks.shape[:-2], -1)
 
 
 def is_on_panel(panel: Panel, foot: NDArray[np.float64]) -> bool:

@@ -6,19 +6,20 @@ Moments are about P_O and divided by r_c. Eq. (25) writes the same set of wrench
 by the forces by which its f is multiplied.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from parapod.systems.core.batching import of_width
+from parapod.systems.core.batching import of_width, row_by_row
 from parapod.systems.core.elementwise import nan_without_warning
 from parapod.systems.core.vectors import Array
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.platform_mode import (
     feet_of,
+    jacobian,
     legs_at,
     length_scale,
     rows_of,
@@ -71,7 +72,7 @@ def wrench_indices(
         raise ValueError(
             f"standing limbs must be at least three of 1..{geometry.limbs}, not {tuple(limbs)}"
         )
-    legs = [leg for limb in sorted(set(limbs)) for leg in (2 * limb - 2, 2 * limb - 1)]
+    legs = _legs_of(limbs)
     poses, feet = of_width(pose, 6, "pose"), feet_of(geometry, footholds)
     shape = np.broadcast_shapes(poses.shape[:-1], feet.shape[:-2])
     flat = np.broadcast_to(poses, (*shape, 6)).reshape(-1, 6)
@@ -89,6 +90,26 @@ def wrench_indices(
         return WrenchIndices(w_minmax, w_max, w_max / w_minmax)
 
 
+def index_alone(
+    geometry: CentreGeometry, pose: Array, footholds: Array, standing: Sequence[int]
+) -> Array:
+    """Index w_minmax of `wrench_indices`, of each pose to the last bit as if it were alone.
+
+    Args:
+        geometry: the centre.
+        pose: (6) or (rows, 6) of the platform [m, rad].
+        footholds: (n, 6) or (rows, n, 6) poses of the feet's frames.
+        standing: limbs that are clamped, counted from 1, at least three.
+    """
+    rows = jacobian(geometry, pose, footholds)[..., _legs_of(standing), :] / length_scale(geometry)
+    index: Array = _smallest_resistance(rows[..., np.newaxis])[..., 0] / geometry.legs
+    return index
+
+
+def _legs_of(limbs: Iterable[int]) -> list[int]:
+    return [leg for limb in sorted(set(limbs)) for leg in (2 * limb - 2, 2 * limb - 1)]
+
+
 def _largest_resistance(rows: Array) -> Array:
     """Distance (k) of the zonotope's farthest corner, of rows (m, 6, k), unit forces."""
     count = len(rows)
@@ -103,7 +124,7 @@ def _largest_resistance(rows: Array) -> Array:
 
 @nan_without_warning
 def _smallest_resistance(rows: Array) -> Array:
-    """Distance (k) of the zonotope's nearest facet, of rows (m, 6, k), unit forces.
+    """Distance (..., k) of the zonotope's nearest facet, of rows (..., m, 6, k), unit forces.
 
     The normal u of a facet is perpendicular to five columns h_j of the wrench matrix H; the
     facet's distance is the sum of |u . h_j| over the others, |u| = 1. With y = H^T u, which is in
@@ -112,16 +133,17 @@ def _smallest_resistance(rows: Array) -> Array:
     legs, of which few poses are looked at, normals follow from all sets of five columns.
     """
     Q, R = _orthogonal(rows)
-    inverse = _times_inverse(Q[:, :6], R)
-    gram = np.einsum("aik,bik->abk", inverse, inverse)  # |u|^2 = y^T gram y
-    diagonal = np.abs(np.stack([R[i, i] for i in range(6)]))
-    nearest = np.full(rows.shape[-1], np.inf)
-    if len(rows) > 8:
-        nearest = _nearest_facet(rows)
-    elif len(rows) == 6:
+    inverse = _times_inverse(Q[..., :6, :], R)
+    gram = np.einsum("...aik,...bik->...abk", inverse, inverse)  # |u|^2 = y^T gram y
+    gram = np.moveaxis(gram, (-3, -2), (0, 1))
+    diagonal = np.abs(np.stack([R[..., i, i, :] for i in range(6)]))
+    nearest = np.full(diagonal.shape[1:], np.inf)
+    if rows.shape[-3] > 8:
+        nearest = row_by_row(_nearest_facet, 3, rows)
+    elif rows.shape[-3] == 6:
         nearest = 1.0 / np.sqrt(np.stack([gram[i, i] for i in range(6)]).max(axis=0))
     else:
-        null = Q[:, 6:]
+        null = np.moveaxis(Q[..., 6:, :], (-3, -2), (0, 1))
         minors = {
             (i, j): null[i, 0] * null[j, 1] - null[i, 1] * null[j, 0]
             for i, j in combinations(range(8), 2)
@@ -158,23 +180,28 @@ def _nearest_facet(rows: Array) -> Array:
 
 
 def _orthogonal(matrix: Array) -> tuple[Array, Array]:
-    """Householder's Q (m, m, k) and R (6, 6, k) of matrices (m, 6, k)."""
-    A, count = matrix.copy(), len(matrix)
-    Q = np.zeros((count, count, matrix.shape[-1]))
-    Q[range(count), range(count)] = 1.0
+    """Householder's Q (..., m, m, k) and R (..., 6, 6, k) of matrices (..., m, 6, k)."""
+    A, (*batch, count, _, k) = matrix.copy(), matrix.shape
+    Q = np.zeros((*batch, count, count, k))
+    Q[..., range(count), range(count), :] = 1.0
     for i in range(min(6, count - 1)):
-        v = A[i:, i].copy()
-        v[0] += np.copysign(np.sqrt(np.sum(v**2, axis=0)), v[0])
-        twice = 2.0 / np.sum(v**2, axis=0)
-        A[i:, i:] -= v[:, np.newaxis] * (twice * np.einsum("ak,abk->bk", v, A[i:, i:]))
-        Q[:, i:] -= (twice * np.einsum("abk,bk->ak", Q[:, i:], v))[:, np.newaxis] * v
-    return Q, A[:6]
+        v = A[..., i:, i, :].copy()
+        v[..., 0, :] += np.copysign(np.sqrt(np.sum(v**2, axis=-2)), v[..., 0, :])
+        twice = (2.0 / np.sum(v**2, axis=-2))[..., np.newaxis, :]
+        below = A[..., i:, i:, :]
+        along = twice * np.einsum("...ak,...abk->...bk", v, below)
+        below -= v[..., np.newaxis, :] * along[..., np.newaxis, :, :]
+        right = Q[..., i:, :]
+        along = twice * np.einsum("...abk,...bk->...ak", right, v)
+        right -= along[..., np.newaxis, :] * v[..., np.newaxis, :, :]
+    return Q, A[..., :6, :, :]
 
 
 def _times_inverse(Q: Array, R: Array) -> Array:
-    """Q R^-T (m, 6, k) of upper triangular R (6, 6, k)."""
+    """Q R^-T (..., m, 6, k) of upper triangular R (..., 6, 6, k)."""
     X = np.empty(Q.shape)
     for i in reversed(range(6)):
-        product = np.einsum("ajk,jk->ak", X[:, i + 1 :], R[i, i + 1 :])
-        X[:, i] = (Q[:, i] - product) / R[i, i]
+        row = R[..., i, :, :]
+        product = np.einsum("...ajk,...jk->...ak", X[..., i + 1 :, :], row[..., i + 1 :, :])
+        X[..., i, :] = (Q[..., i, :] - product) / row[..., np.newaxis, i, :]
     return X

@@ -3,11 +3,13 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from parapod.systems.core.elementwise import Elementwise
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import read_array
+from parapod.systems.core.ports import read_batch
+from parapod.systems.core.rows import answer_of, common, number_of
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.statics import CentreMasses
-from parapod.systems.machining_centre.wrench import wrench_indices
+from parapod.systems.machining_centre.wrench import index_alone
 
 # Fewer limbs do not hold a platform by their legs alone.
 _FEWEST = 3
@@ -64,23 +66,24 @@ class WrenchMonitor(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        state.set_value(0, np.array([self._found(context)]))
+        state.set_value(0, np.array([self._index(context)]))
 
-    def _found(self, context: Context) -> float:
-        clamped = np.flatnonzero(read_array(self._clamps, context) > 0.5) + 1
-        pose = read_array(self._pose, context)
-        feet = read_array(self._feet, context).reshape(-1, 6)
-        if len(clamped) < _FEWEST or not (np.isfinite(pose).all() and np.isfinite(feet).all()):
+    def _index(self, context: Context) -> Elementwise:
+        is_clamped = common(read_batch(self._clamps, context) > 0.5)
+        clamped = (np.flatnonzero(is_clamped) + 1).tolist()
+        pose, feet = read_batch(self._pose, context), read_batch(self._feet, context)
+        is_known = answer_of(np.isfinite(np.concatenate((pose, feet), axis=-1)).all(axis=-1))
+        if len(clamped) < _FEWEST or not is_known:
             return 0.0
-        index = wrench_indices(self._geometry, pose, feet, standing=clamped.tolist()).w_minmax
-        return float(np.nan_to_num(index))
+        footholds = feet.reshape(*pose.shape[:-1], -1, 6)
+        return number_of(np.nan_to_num(index_alone(self._geometry, pose, footholds, clamped)))
 
     def _calc_index(self, context: Context, output: BasicVector) -> None:
-        output[0] = context.get_discrete_state(0).value()[0]
+        output[0] = context.get_discrete_state(0)[0]
 
     def _calc_margin(self, context: Context, output: BasicVector) -> None:
         # A load that is not finite counts as zero.
-        force = np.nan_to_num(read_array(self._force, context), posinf=0.0, neginf=0.0)
-        thrust, torque = np.clip(force, -_HUGE, _HUGE).tolist()
-        load = np.hypot(abs(thrust) + self._down, torque / self._geometry.platform_radius)
-        output[0] = context.get_discrete_state(0).value()[0] * self._total - load
+        force = np.nan_to_num(read_batch(self._force, context), posinf=0.0, neginf=0.0)
+        thrust, torque = np.moveaxis(np.clip(force, -_HUGE, _HUGE), -1, 0)
+        load = np.hypot(np.abs(thrust) + self._down, torque / self._geometry.platform_radius)
+        output[0] = context.get_discrete_state(0)[0] * self._total - number_of(load)

@@ -4,8 +4,8 @@ Three cells bear the tread on the plate's carrier: two across it, towards the re
 end, and one along it. The paper has no force sensing; places and masses are assumptions.
 """
 
-import math
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.batching import columns, stack
-from parapod.systems.core.elementwise import sin_cos
+from parapod.systems.core.elementwise import Elementwise, both, is_finite, sin_cos, where
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import has_value, read_array
@@ -158,9 +158,10 @@ class FootForce(LeafSystem):
 
     def _calc_load(self, context: Context, output: BasicVector) -> None:
         motion = read_array(self._motion, context)
+        phi: Elementwise = motion.tolist()[2]
         load = load_of_cells(self._cells, read_array(self._force, context))
         f_x, f_z, m_y = (load - inertial_load(self._cells, motion)).tolist()
-        s, c = sin_cos(float(motion[2]))
+        s, c = sin_cos(phi)
         in_plate = (c * f_x + s * f_z, c * f_z - s * f_x, m_y)
-        finite = all(map(math.isfinite, in_plate))
-        output.SetFromVector(np.array(in_plate if finite else (0.0, 0.0, 0.0)))
+        finite = reduce(both, map(is_finite, in_plate))
+        output.SetFromVector(np.array([where(finite, part, 0.0) for part in in_plate]))

@@ -138,12 +138,21 @@ def foot_corners(
     Raises:
         ValueError: wrong shapes.
     """
-    corners = leg_corners(geometry.leg, up_of_lengths(geometry.leg, _of_feet(lengths, "lengths")))
-    in_body = np.einsum("lij,...lkj->...lki", geometry.R_SA, corners)
-    in_body = in_body + geometry.p_SA[:, None, :]
+    in_body = corners_in_body(geometry, up_of_lengths(geometry.leg, _of_feet(lengths, "lengths")))
     R_WS = _rotation(body_rotation)
     position = of_width(body_position, 3, "body_position")[..., None, None, :]
     return np.einsum("...ij,...lkj->...lki", R_WS, in_body) + position
+
+
+def corners_in_body(geometry: ChairGeometry, up: Array) -> Array:
+    """Corners (..., 4, 3, 3) of all feet from S in {S} [m], see `foot_corners`.
+
+    Args:
+        geometry: the chair.
+        up: (..., 4, 3) coordinates of the UP branches [m, rad, rad].
+    """
+    corners = np.einsum("lij,...lkj->...lki", geometry.R_SA, leg_corners(geometry.leg, up))
+    return corners + geometry.p_SA[:, None, :]
 
 
 def standing_feet(

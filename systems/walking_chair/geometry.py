@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 LEG_COUNT = 4
 
 
+def by_legs(branches: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (12) of the branches as those of each leg (4, 3), of one chair or a batch of them."""
+    return branches.reshape(*branches.shape[:-1], LEG_COUNT, 3)
+
+
 def _constant(values: object) -> NDArray[np.float64]:
     """An array that cannot be changed, as frozen dataclasses share theirs."""
     array = np.array(values, dtype=np.float64)

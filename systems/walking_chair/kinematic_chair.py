@@ -9,20 +9,23 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.batching import row_by_row
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import declare_cached, read_array
-from parapod.systems.walking_chair.chair import foot_corners
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
+from parapod.systems.core.ports import batch, declare_cached, read_batch
+from parapod.systems.core.rows import answer_of
+from parapod.systems.core.vectors import product
+from parapod.systems.walking_chair.chair import corners_in_body
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry, by_legs
+from parapod.systems.walking_chair.leg import up_of_lengths
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger, centre_of_mass
-from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
+from parapod.systems.walking_chair.statics import STIFFNESS, force_map_at, rest
 
 _CORNERS = 3 * LEG_COUNT
-_LEVEL = np.eye(3)
 
 
 class _Stance(NamedTuple):
-    """The chair at an instant; names are those of the ports."""
+    """The chair at an instant; names are those of the ports. Rows are a dimension ahead."""
 
     body_position: NDArray[np.float64]
     body_attitude: NDArray[np.float64]
@@ -37,8 +40,9 @@ class _Stance(NamedTuple):
     @property
     def passenger_pose(self) -> NDArray[np.float64]:
         """Calculated on demand, as for drawings."""
-        turn: Any = RollPitchYaw(self.body_attitude).ToRotationMatrix().matrix()
-        return np.concatenate((self.body_pose[:4], self.body_position + turn @ self.seat))
+        turn = row_by_row(_rotation, 1, self.body_attitude)
+        place = self.body_position + product(turn, self.seat)
+        return np.concatenate((self.body_pose[..., :4], place), axis=-1)
 
 
 class KinematicChair(LeafSystem):
@@ -151,68 +155,73 @@ class KinematicChair(LeafSystem):
         return signal
 
     def _calc_stance(self, context: Context) -> _Stance:
-        lengths = read_array(self._position, context).reshape(LEG_COUNT, 3)
-        corners = foot_corners(self._geometry, np.zeros(3), _LEVEL, lengths)
-        if not np.isfinite(corners).all():
-            return _unknown()
-        seat: Any = context.get_numeric_parameter(self._passenger)
-        passenger = Passenger(*seat.value())
+        up = up_of_lengths(self._geometry.leg, by_legs(read_batch(self._position, context)))
+        corners = corners_in_body(self._geometry, up)
+        batch_shape = up.shape[:-2]
+        if not answer_of(np.isfinite(corners).all(axis=(-3, -2, -1))):
+            return _unknown(batch_shape)
+        seat = batch(context.get_numeric_parameter(self._passenger), context)
+        passenger = Passenger(*np.moveaxis(seat, -1, 0))
         mass, centre = centre_of_mass(self._masses, passenger, corners.mean(axis=-2))
-        flat = corners.reshape(_CORNERS, 3)
-        vertical = force_map(self._geometry, lengths)[..., 2]
+        flat = corners.reshape(*batch_shape, _CORNERS, 3)
+        vertical = force_map_at(self._geometry, up)[..., 2]
         foot_weight = self._masses.foot_end * GRAVITY
         at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight, self._stiffness)
-        tilt = RollPitchYaw(at_rest.roll, at_rest.pitch, 0.0).ToRotationMatrix().matrix()
-        rotated = flat @ tilt.T
+        tilt = np.stack((at_rest.roll, at_rest.pitch, np.zeros_like(at_rest.roll)), axis=-1)
+        places = (flat @ row_by_row(_rotation_back, 1, tilt))[..., :2]
         carry = at_rest.loads > 0.0
-        x, y, yaw = self._place(context, rotated[:, :2], np.where(carry, at_rest.loads, 0.0))
-        attitude = RollPitchYaw(at_rest.roll, at_rest.pitch, yaw)
-        position = np.array((x, y, at_rest.height))
-        turn = attitude.ToQuaternion().wxyz()
+        x_y, yaw = self._place(context, places, np.where(carry, at_rest.loads, 0.0))
+        attitude = np.concatenate((tilt[..., :2], yaw), axis=-1)
+        position = np.concatenate((x_y, at_rest.height[..., np.newaxis]), axis=-1)
+        turn = row_by_row(_quaternion, 1, attitude)
+        heading_T = np.swapaxes(_heading(yaw[..., 0]), -1, -2)
         return _Stance(
             position,
-            attitude.vector(),
+            attitude,
             at_rest.branch_forces,
-            at_rest.loads.reshape(LEG_COUNT, 3).sum(axis=1),
+            by_legs(at_rest.loads).sum(axis=-1),
             at_rest.gaps,
-            np.concatenate((turn, position)),
+            np.concatenate((turn, position), axis=-1),
             passenger.place,
-            rotated[:, :2] @ _heading(yaw).T + (x, y),
+            places @ heading_T + x_y[..., np.newaxis, :],
             carry,
         )
 
     def _place(
         self, context: Context, corners: NDArray[np.float64], loads: NDArray[np.float64]
-    ) -> tuple[float, float, float]:
-        """Place and heading that leave the corners that carry where they are."""
-        last: Any = context.get_discrete_state(0)
-        contacts: Any = context.get_discrete_state(1)
-        anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
-        share = loads * contacts.value()[2 * _CORNERS :]
-        if not share.any():
-            return tuple(last.value())
-        share = share / share.sum()
-        from_middle, anchors_from_middle = corners - share @ corners, anchors - share @ anchors
-        along = share @ (from_middle * anchors_from_middle).sum(axis=1)
-        across = share @ (
-            from_middle[:, 0] * anchors_from_middle[:, 1]
-            - from_middle[:, 1] * anchors_from_middle[:, 0]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Place (..., 2) and heading (..., 1) that leave corners that carry where they are."""
+        contacts = batch(context.get_discrete_state(1), context)
+        anchors = contacts[..., : 2 * _CORNERS].reshape(corners.shape)
+        share = loads * contacts[..., 2 * _CORNERS :]
+        if not answer_of(share.any(axis=-1)):
+            last = batch(context.get_discrete_state(0), context)
+            return last[..., :2], last[..., 2:]
+        share = (share / share.sum(axis=-1, keepdims=True))[..., np.newaxis, :]
+        middle, anchors_middle = share @ corners, share @ anchors
+        from_middle, anchors_from_middle = corners - middle, anchors - anchors_middle
+        along = product(share, (from_middle * anchors_from_middle).sum(axis=-1))
+        across = product(
+            share,
+            from_middle[..., 0] * anchors_from_middle[..., 1]
+            - from_middle[..., 1] * anchors_from_middle[..., 0],
         )
-        yaw = float(np.arctan2(across, along))
-        x, y = share @ anchors - _heading(yaw) @ (share @ corners)
-        return float(x), float(y), yaw
+        yaw = np.arctan2(across, along)
+        moved = product(_heading(yaw[..., 0]), middle[..., 0, :])
+        return anchors_middle[..., 0, :] - moved, yaw
 
     def _update_contacts(self, context: Context, discrete_state: Any) -> None:
         stance: _Stance = self._stance.value(self, context)
-        if not np.isfinite(stance.body_position).all():
+        if not answer_of(np.isfinite(stance.body_position).all(axis=-1)):
             return
-        contacts: Any = context.get_discrete_state(1)
-        anchors = contacts.value()[: 2 * _CORNERS].reshape(_CORNERS, 2)
-        carried = contacts.value()[2 * _CORNERS :] > 0.5
-        anchored = np.where((carried & stance.carry)[:, None], anchors, stance.places)
-        x, y, _ = stance.body_position
-        discrete_state.set_value(0, np.array((x, y, stance.body_attitude[2])))
-        discrete_state.set_value(1, np.concatenate((anchored.ravel(), stance.carry.astype(float))))
+        contacts = batch(context.get_discrete_state(1), context)
+        places = stance.places.reshape(*contacts.shape[:-1], 2 * _CORNERS)
+        carried = contacts[..., 2 * _CORNERS :] > 0.5
+        stays = np.repeat(carried & stance.carry, 2, axis=-1)
+        anchored = np.where(stays, contacts[..., : 2 * _CORNERS], places)
+        x_y, yaw = stance.body_position[..., :2], stance.body_attitude[..., 2:]
+        discrete_state.set_value(0, np.concatenate((x_y, yaw), axis=-1))
+        discrete_state.set_value(1, np.concatenate((anchored, stance.carry), axis=-1))
 
 
 def _looking_ahead(place: ArrayLike) -> NDArray[np.float64]:
@@ -223,22 +232,40 @@ def _numbers(passenger: Passenger) -> NDArray[np.float64]:
     return np.array((passenger.mass, passenger.x, passenger.y, passenger.height))
 
 
-def _heading(yaw: float) -> NDArray[np.float64]:
+def _rotation(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix: Any = RollPitchYaw(attitude).ToRotationMatrix().matrix()
+    return matrix
+
+
+def _rotation_back(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    return _rotation(attitude).T
+
+
+def _quaternion(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    wxyz: Any = RollPitchYaw(attitude).ToQuaternion().wxyz()
+    return wxyz
+
+
+def _heading(yaw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 2, 2) rotations by angles (...)."""
     sine, cosine = np.sin(yaw), np.cos(yaw)
-    return np.array(((cosine, -sine), (sine, cosine)))
+    return np.stack((cosine, -sine, sine, cosine), axis=-1).reshape(*yaw.shape, 2, 2)
 
 
-def _unknown() -> _Stance:
+def _unknown(shape: tuple[int, ...]) -> _Stance:
+    def nan(*sizes: int) -> NDArray[np.float64]:
+        return np.full((*shape, *sizes), np.nan)
+
     return _Stance(
-        body_position=np.full(3, np.nan),
-        body_attitude=np.full(3, np.nan),
-        force=np.full(len(BRANCHES), np.nan),
-        contact_force=np.full(LEG_COUNT, np.nan),
-        foot_height=np.full(_CORNERS, np.nan),
-        body_pose=np.full(7, np.nan),
-        seat=np.full(3, np.nan),
-        places=np.full((_CORNERS, 2), np.nan),
-        carry=np.zeros(_CORNERS, dtype=np.bool_),
+        body_position=nan(3),
+        body_attitude=nan(3),
+        force=nan(len(BRANCHES)),
+        contact_force=nan(LEG_COUNT),
+        foot_height=nan(_CORNERS),
+        body_pose=nan(7),
+        seat=nan(3),
+        places=nan(_CORNERS, 2),
+        carry=np.zeros((*shape, _CORNERS), dtype=np.bool_),
     )
 
 

@@ -427,6 +427,9 @@ def _newton(geometry: LegGeometry, lengths: Array) -> tuple[Array, Array]:
     rho, delta = np.hypot(b * c_30, h), np.arctan2(h, b * c_30)
     p, q, r = a * b * s_30 * s_30, a * c_30 * rho, a * s_30 * rho
     alpha, beta = np.zeros_like(l_11), np.zeros_like(l_11)
+    # Legs of a row go on together, so that a batch has what each of its rows would have alone.
+    row = -1 if l_11.ndim else None
+    going_on = np.bool_(True)
     for _ in range(_ITERATIONS):
         s_a, c_a = np.sin(alpha), np.cos(alpha)
         s_p, c_p = np.sin(beta + delta), np.cos(beta + delta)
@@ -437,8 +440,9 @@ def _newton(geometry: LegGeometry, lengths: Array) -> tuple[Array, Array]:
         step_a = (f_b * g - g_b * f) / determinant
         step_b = (g_a * f - f_a * g) / determinant
         size = np.maximum(np.abs(step_a), np.abs(step_b))
-        scale = np.minimum(1.0, _LARGEST_STEP / np.maximum(size, _LARGEST_STEP))
+        scale = going_on * np.minimum(1.0, _LARGEST_STEP / np.maximum(size, _LARGEST_STEP))
         alpha, beta = alpha + scale * step_a, beta + scale * step_b
-        if not (size > _SMALLEST_STEP).any():
+        going_on = going_on & (size > _SMALLEST_STEP).any(axis=row, keepdims=True)
+        if not going_on.any():
             break
     return alpha, beta

@@ -68,8 +68,8 @@ class Passenger:
 
     @property
     def place(self) -> NDArray[np.float64]:
-        """(3) centre of mass from S in {S} [m]."""
-        return np.array((self.x, self.y, self.height))
+        """(..., 3) centre of mass from S in {S} [m]."""
+        return np.stack((self.x, self.y, self.height), axis=-1)
 
 
 def centre_of_mass(
@@ -82,7 +82,7 @@ def centre_of_mass(
 
     Args:
         masses: masses of the chair.
-        passenger: on it.
+        passenger: on it; of batches, its numbers are arrays (...).
         feet: (..., 4, 3) centroids of the feet from S in {S} [m].
 
     Returns:
@@ -90,7 +90,7 @@ def centre_of_mass(
     """
     places = of_width(feet, 3, "feet")
     moment = masses.foot_end * places.sum(axis=-2)
-    moment = moment + passenger.mass * passenger.place
+    moment = moment + np.asarray(passenger.mass)[..., np.newaxis] * passenger.place
     moment[..., 2] += masses.body * masses.body_height
     total = masses.total + passenger.mass
-    return total, moment / total
+    return total, moment / np.asarray(total)[..., np.newaxis]

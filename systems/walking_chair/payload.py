@@ -19,10 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 from scipy.optimize import linprog, nnls  # type: ignore[import-untyped]
 
+from parapod.systems.core.batching import row_by_row
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
-from parapod.systems.core.ports import read_array
-from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry
+from parapod.systems.core.ports import batch, read_batch
+from parapod.systems.core.rows import answer_of
+from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry, by_legs
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
 from parapod.systems.walking_chair.masses import ChairMasses
 from parapod.systems.walking_chair.statics import corner_jacobians
@@ -325,24 +327,30 @@ class PayloadEstimator(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_estimate)
 
     def _update_estimate(self, context: Context, discrete_state: Any) -> None:
-        sample = self._sample(context)
-        if not np.isfinite(sample).all():
+        position, current = read_batch(self._position, context), read_batch(self._current, context)
+        up = up_of_lengths(self._geometry.leg, by_legs(position))
+        jacobians = corner_jacobians(self._geometry.leg, up)
+        sample = row_by_row(self._sample, 2, up, jacobians, by_legs(current))
+        if not answer_of(np.isfinite(sample).all(axis=-1)):
             return
-        last: Any = context.get_discrete_state(0)
+        last = batch(context.get_discrete_state(0), context)
         beginning: Any = context.get_discrete_state(1)
         share = self._share if beginning[0] > 0.5 else 1.0
-        discrete_state.set_value(0, last.value() + share * (sample - last.value()))
+        discrete_state.set_value(0, last + share * (sample - last))
         discrete_state.set_value(1, np.ones(1))
 
-    def _sample(self, context: Context) -> NDArray[np.float64]:
+    def _sample(
+        self,
+        up: NDArray[np.float64],
+        jacobians: NDArray[np.float64],
+        current: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
         """Mass and place (3); NaN for what is not determined."""
         unknown = np.full(3, np.nan)
-        current = read_array(self._current, context).reshape(LEG_COUNT, 3)
         leg, masses = self._geometry.leg, self._masses
-        up = up_of_lengths(leg, read_array(self._position, context).reshape(LEG_COUNT, 3))
         if not (np.isfinite(up).all() and np.isfinite(current).all()):
             return unknown
-        loads = self._vertical_forces(up, current) / GRAVITY
+        loads = self._vertical_forces(jacobians, current) / GRAVITY
         mass = loads.sum() - (masses.total - LEG_COUNT * masses.foot_end)
         if mass < -_LIGHT:
             return unknown
@@ -354,10 +362,10 @@ class PayloadEstimator(LeafSystem):
         return np.array((mass, *place))
 
     def _vertical_forces(
-        self, up: NDArray[np.float64], current: NDArray[np.float64]
+        self, jacobians: NDArray[np.float64], current: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(4, 3) vertical forces on the corners that follow from the branches' forces [N]."""
         thrust = self._params.force_per_current * current
-        by_branch = -corner_jacobians(self._geometry.leg, up)[..., 2, :]  # (4, corner, branch)
+        by_branch = -jacobians[..., 2, :]  # (4, corner, branch)
         solved = np.linalg.solve(np.swapaxes(by_branch, -1, -2), thrust[..., None])
         return solved[..., 0]

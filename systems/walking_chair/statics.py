@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls  # type: ignore[import-untyped]
 
-from parapod.systems.core.batching import of_width
-from parapod.systems.core.vectors import inverse
+from parapod.systems.core.batching import of_width, row_by_row
+from parapod.systems.core.vectors import inverse, product
 from parapod.systems.walking_chair.geometry import ChairGeometry, LegGeometry
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
 from parapod.systems.walking_chair.rates import leg_jacobian
@@ -54,18 +54,23 @@ def force_map(geometry: ChairGeometry, lengths: ArrayLike) -> NDArray[np.float64
 
     Args:
         geometry: the chair.
-        lengths: (4, 3) of the branches [m].
+        lengths: (..., 4, 3) of the branches [m].
 
     Returns:
-        (12, 12, 3): branch force tau [N] by corner and axis of {S} of a force of the ground [N];
-        NaN for legs that cannot be assembled.
+        (..., 12, 12, 3): branch force tau [N] by corner and axis of {S} of a force of the ground
+        [N]; NaN for legs that cannot be assembled.
     """
-    up = up_of_lengths(geometry.leg, of_width(lengths, 3, "lengths"))
-    by_leg = np.einsum("lai,lcib->lbca", geometry.R_SA, corner_jacobians(geometry.leg, up))
-    whole = np.zeros((4, 3, 4, 3, 3))
-    for leg in range(len(by_leg)):
-        whole[leg, :, leg] = -by_leg[leg]
-    return whole.reshape(12, 12, 3)
+    return force_map_at(geometry, up_of_lengths(geometry.leg, of_width(lengths, 3, "lengths")))
+
+
+def force_map_at(geometry: ChairGeometry, up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Map of `force_map` at coordinates (..., 4, 3) of the UP branches [m, rad, rad]."""
+    by_leg = np.einsum("lai,...lcib->...lbca", geometry.R_SA, corner_jacobians(geometry.leg, up))
+    batch = up.shape[:-2]
+    whole = np.zeros((*batch, 4, 3, 4, 3, 3))
+    for leg in range(4):
+        whole[..., leg, :, leg, :, :] = -by_leg[..., leg, :, :, :]
+    return whole.reshape(*batch, 12, 12, 3)
 
 
 # Stiffness of a branch [N/m], as in the model of rigid bodies (assumption).
@@ -77,7 +82,7 @@ _UNLOADED = 1e-7
 
 
 class Rest(NamedTuple):
-    """The chair at rest.
+    """The chair at rest; rows of several chairs are a dimension ahead of all.
 
     Attributes:
         roll: roll of the body [rad].
@@ -88,9 +93,9 @@ class Rest(NamedTuple):
         branch_forces: (12) [N].
     """
 
-    roll: float
-    pitch: float
-    height: float
+    roll: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    height: NDArray[np.float64]
     loads: NDArray[np.float64]
     gaps: NDArray[np.float64]
     branch_forces: NDArray[np.float64]
@@ -99,12 +104,12 @@ class Rest(NamedTuple):
 def rest(
     corners: NDArray[np.float64],
     by_vertical: NDArray[np.float64],
-    weight: float,
+    weight: ArrayLike,
     centre: NDArray[np.float64],
     foot_weight: float = 0.0,
     stiffness: float = STIFFNESS,
 ) -> Rest:
-    """Find how the chair rests.
+    """Find how the chair rests, or each of several whose rows are a dimension ahead of all.
 
     Args:
         corners: (12, 3) of the unloaded feet, from S in {S} [m].
@@ -114,27 +119,46 @@ def rest(
         foot_weight: weight of each foot, part of the whole [N].
         stiffness: axial stiffness of a branch [N/m].
     """
-    x, y, z = corners.T
+    x, y, z = np.moveaxis(corners, -1, 0)
+    weights = np.asarray(weight)[..., np.newaxis]
     # Heights are relative to the lowest one; S is found from it.
-    level = z - z.min()
+    lowest = z.min(axis=-1)
+    level = z - lowest[..., np.newaxis]
     root = by_vertical / np.sqrt(stiffness)
-    own = np.full(len(x), foot_weight / 3.0)
-    balance = np.stack((np.ones(len(x)), x - centre[0], y - centre[1]))
-    springs = root @ own - np.linalg.solve(root.T, level)
-    loads, _ = nnls(
-        np.vstack((root, _BALANCE * balance)),
-        np.concatenate((springs, (_BALANCE * weight, 0.0, 0.0))),
+    root_T = np.swapaxes(root, -1, -2)
+    own = np.full(x.shape[-1], foot_weight / 3.0)
+    ones, none = np.ones_like(x), np.zeros_like(weights)
+    balance = np.stack((ones, x - centre[..., :1], y - centre[..., 1:2]), axis=-2)
+    springs = root @ own - np.linalg.solve(root_T, level[..., np.newaxis])[..., 0]
+    loads = row_by_row(
+        _least_squares,
+        2,
+        np.concatenate((root, _BALANCE * balance), axis=-2),
+        np.concatenate((springs, _BALANCE * weights, none, none), axis=-1),
     )
-    carry = loads > _UNLOADED * weight
-    given_way = root.T @ (root @ (loads - own)) + level
-    plane = np.column_stack((np.ones(len(x)), -x, y))
-    above, *_ = np.linalg.lstsq(plane[carry], -given_way[carry], rcond=None)
-    height, pitch, roll = above.tolist()
+    carry = loads > _UNLOADED * weights
+    given_way = product(root_T, product(root, loads - own)) + level
+    plane = np.stack((ones, -x, y), axis=-1)
+    above = row_by_row(_supported, 2, plane, -given_way, carry)
+    height, pitch, roll = np.moveaxis(above, -1, 0)
     return Rest(
         roll,
         pitch,
-        height - z.min(),
+        height - lowest,
         np.where(carry, loads, 0.0),
-        np.where(carry, 0.0, given_way + plane @ above),
-        by_vertical @ (loads - own),
+        np.where(carry, 0.0, given_way + product(plane, above)),
+        product(by_vertical, loads - own),
     )
+
+
+def _least_squares(rows: NDArray[np.float64], aims: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Factors, none of them negative, with which rows come nearest to what they aim at."""
+    factors: NDArray[np.float64] = nnls(rows, aims)[0]
+    return factors
+
+
+def _supported(
+    plane: NDArray[np.float64], heights: NDArray[np.float64], carry: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(3) coefficients of the plane through the corners that carry."""
+    return np.linalg.lstsq(plane[carry], heights[carry], rcond=None)[0]

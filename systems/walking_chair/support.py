@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,9 +11,19 @@ from pydrake.systems.framework import BasicVector, Context
 from scipy.spatial import ConvexHull, QhullError  # type: ignore[import-untyped]
 
 from parapod.systems.core.batching import first_of_largest
+from parapod.systems.core.elementwise import (
+    Elementwise,
+    both,
+    greatest,
+    is_finite,
+    least,
+    where,
+)
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read
+from parapod.systems.core.rows import answer_of, batch_of, number_of, shared
+from parapod.systems.core.vectors import product
 from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import Walk
 from parapod.systems.walking_chair.geometry import (
@@ -39,15 +49,16 @@ class SupportPolygon(NamedTuple):
     offsets: NDArray[np.float64]
     corners: NDArray[np.float64]
 
-    def margin(self, point: ArrayLike) -> float:
+    def margin(self, point: Any) -> Elementwise:
         """Distance of a point (2) from the nearest edge's line [m]; negative outside.
 
         Minus infinity without a polygon, and for a point that is not finite.
         """
-        place = np.asarray(point, dtype=np.float64)
-        if not (self.offsets.size and np.isfinite(place).all()):
+        place = batch_of(point)
+        if not (self.offsets.size and answer_of(np.isfinite(place).all(axis=-1))):
             return -np.inf
-        return float((self.offsets - self.normals @ place).min())
+        inside = self.offsets - product(self.normals, place)
+        return number_of(inside.min(axis=-1))
 
 
 NO_SUPPORT = SupportPolygon(np.empty((0, 2)), np.empty(0), np.empty((0, 2)))
@@ -119,11 +130,12 @@ class GaitSupport:
         """(phases,) smallest distance of the centre of mass from the polygon's edge [m]."""
         return np.array([self.margin(i, passenger) for i in range(len(self._phases))])
 
-    def margin(self, phase: int, passenger: Passenger) -> float:
+    def margin(self, phase: int, passenger: Passenger) -> Elementwise:
         """Smallest distance of the centre of mass from the polygon's edge in a phase [m]."""
         polygon, bodies, feet = self._phases[phase]
         _, places = centre_of_mass(self._masses, passenger, feet)
-        return min(polygon.margin(point) for point in (bodies + places)[:, :2])
+        beginning, end = (bodies + places)[:, :2]
+        return least(polygon.margin(beginning), polygon.margin(end))
 
     def polygon(self, phase: int) -> SupportPolygon:
         """The support polygon of a phase, in the world."""
@@ -220,15 +232,15 @@ class SupportMonitor(LeafSystem):
         self.DeclareStateOutputPort("hold", index)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_hold)
 
-    def _smallest_margin(self, context: Context) -> float:
+    def _smallest_margin(self, context: Context) -> Elementwise:
         (time,), payload = read(self._time, context), read(self._payload, context)
-        if not all(map(math.isfinite, (time, *payload))):
+        if not reduce(both, map(is_finite, (time, *payload))):
             return -math.inf
         mass, x, y = payload
-        passenger = Passenger(max(0.0, mass), x, y)
-        now = self._walk.phase_at(time)
+        passenger = Passenger(greatest(0.0, mass), x, y)
+        now = shared(self._walk.phase_at, time)
         coming = range(now, min(now + 2, len(self._walk.phases)))
-        return min(self._support.margin(phase, passenger) for phase in coming)
+        return reduce(least, (self._support.margin(phase, passenger) for phase in coming))
 
     def _calc_margin(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.array([self._margin.value(self, context)]))
@@ -236,6 +248,6 @@ class SupportMonitor(LeafSystem):
     def _update_hold(self, context: Context, discrete_state: Any) -> None:
         hold: Any = context.get_discrete_state_vector()
         params = self._params
-        required = params.required + (params.regained if hold[0] > 0.5 else 0.0)
-        holds = not self._margin.value(self, context) >= required
-        discrete_state.set_value(np.array([float(holds)]))
+        required = params.required + where(hold[0] > 0.5, params.regained, 0.0)
+        holds = where(self._margin.value(self, context) >= required, 0.0, 1.0)
+        discrete_state.set_value(np.array([holds]))

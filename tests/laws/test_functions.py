@@ -31,7 +31,8 @@ from parapod.systems.walking_chair.trajectories import BodyMotion, Motion
 CHAIR, GAIT = ChairGeometry(), TrotGait()
 START = gait_motion(CHAIR, GAIT, 0.0)
 LENGTHS = starting_lengths(CHAIR, Walk())
-UP = up_of_lengths(CHAIR.leg, LENGTHS[0])
+UPS = up_of_lengths(CHAIR.leg, LENGTHS)
+UP = UPS[0]
 CORNER = leg_corners(CHAIR.leg, UP)[0]
 WORKSPACE = Workspace(PlatformGeometry(), ArmGeometry())
 BENCH, PLATE = BenchGeometry.pedal(), (0.5, 0.28, 0.05)
@@ -156,6 +157,8 @@ OWN = {
     "chair_motion": {
         "feet": several(Motion, near(START.feet.position), *[near(np.zeros((4, 3)))] * 2)
     },
+    "corners_in_body": {"up": near(UPS, 1e-3)},
+    "force_map_at": {"up": near(UPS, 1e-3)},
     "leg_forward": {"lengths": near(LENGTHS[0])},
     "up_of_lengths": {"lengths": near(LENGTHS[0])},
     "stroke_excess": {"length": near(LENGTHS[0])},

@@ -201,3 +201,10 @@ def test_functions_of_the_library_to_the_last_bit(function):
     assert by_library(function, *arguments).tolist() == [
         function(*row) for row in zip(*(a.tolist() for a in arguments), strict=True)
     ]
+
+
+@pytest.mark.parametrize("exponent", [2, 3, 0.5])
+def test_powers_are_those_of_floats(exponent):
+    values = RANDOM.uniform(0.0, 10.0, 20000)
+    expected = [value**exponent for value in values.tolist()]
+    assert np.array_equal((Rows(values) ** exponent).values, expected)
