@@ -6,7 +6,8 @@ of events is that of Drake's Simulator.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -230,12 +231,8 @@ class RowsSimulator:
             look: called after each step, as a monitor of Drake's Simulator; gives the rows that
                 end, by their numbers.
         """
-        rows_module.at_work, before = True, rows_module.at_work
-        try:
-            with np.errstate(all="ignore", divide="raise"):
-                self._advance_to(until, period, look)
-        finally:
-            rows_module.at_work = before
+        with _at_work():
+            self._advance_to(until, period, look)
 
     def times(self, row: int) -> Floats:
         """Times of the samples of a row [s]."""
@@ -255,7 +252,8 @@ class RowsSimulator:
             self._ports[key] = self._leaf_port(system, port)
         leaf, index, is_output = self._ports[key]
         position = int(np.searchsorted(self.rows, row))
-        numbers = leaf.output(index) if is_output else leaf.input(index)
+        with _at_work():
+            numbers = leaf.output(index) if is_output else leaf.input(index)
         return np.array(RowsContext(leaf, position).taken(numbers or []))
 
     def _leaf_port(self, system: Any, port: str) -> tuple[Leaf, int, bool]:
@@ -463,6 +461,17 @@ class RowsSimulator:
             leaf.state, leaf.parameters = numbers[: ends[0]], numbers[ends[0] : ends[1]]
             leaf.fixed = dict(zip(leaf.fixed, numbers[ends[1] :], strict=True))
         return count
+
+
+@contextmanager
+def _at_work() -> Iterator[None]:
+    """Context in which laws are carried out for rows."""
+    before, rows_module.at_work = rows_module.at_work, True
+    try:
+        with np.errstate(all="ignore", divide="raise"):
+            yield
+    finally:
+        rows_module.at_work = before
 
 
 def _numbers(rows: Sequence[Sequence[float]]) -> list[Number]:

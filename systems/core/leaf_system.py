@@ -125,6 +125,12 @@ class _Declared:
         self._written().outputs.append(Output(None, group=int(state_index)))
         return port
 
+    def DeclareAbstractInputPort(self, name: str, model_value: Any) -> Any:
+        system: Any = super()
+        port = system.DeclareAbstractInputPort(name, model_value)
+        self._written().refusals.append(f"the abstract input '{name}'")
+        return port
+
     def DeclareAbstractOutputPort(self, name: str, *arguments: Any, **keywords: Any) -> Any:
         system: Any = super()
         port = system.DeclareAbstractOutputPort(name, *arguments, **keywords)

@@ -71,6 +71,13 @@ def read_array(
     return array
 
 
+def read_vector(port: InputPort, context: Context | RowsContext) -> Any:
+    """The BasicVector at an input port, or one of rows, of which single numbers are wanted."""
+    if type(context) is RowsContext:
+        return Vector(_of_rows(port, context))
+    return port.EvalBasicVector(context)
+
+
 def read_batch(port: InputPort, context: Context | RowsContext) -> NDArray[np.float64]:
     """The vector at an input port, copied: (size), or that of each row (rows, size)."""
     if type(context) is RowsContext:
@@ -94,7 +101,7 @@ def _batch(numbers: list[Any], context: RowsContext) -> NDArray[np.float64]:
 
 def is_on(port: InputPort, context: Context | RowsContext) -> bool:
     """Whether the first number at an input port is above 0.5; NaN is off."""
-    return bool(_first(port, context) > 0.5)
+    return bool(read_vector(port, context)[0] > 0.5)
 
 
 def is_safe(port: InputPort, context: Context | RowsContext) -> bool:
@@ -102,14 +109,7 @@ def is_safe(port: InputPort, context: Context | RowsContext) -> bool:
 
     That is whatever is not near 0, NaN included, see `switched`.
     """
-    return switched(_first(port, context)) is not False
-
-
-def _first(port: InputPort, context: Context | RowsContext) -> Any:
-    if type(context) is RowsContext:
-        return _of_rows(port, context)[0]
-    signal: Any = port.EvalBasicVector(context)
-    return signal[0]
+    return switched(read_vector(port, context)[0]) is not False
 
 
 def _of_rows(port: InputPort | OutputPort, context: RowsContext) -> list[Any]:

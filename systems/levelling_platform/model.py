@@ -32,7 +32,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, Joint, ModelInstanceIndex, 
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import read, read_array, read_or_zeros
+from parapod.systems.core.ports import read, read_array, read_or_zeros, read_vector
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import dot
 from parapod.systems.core.vectors import Axes
@@ -355,7 +355,7 @@ class PlatformTruth(OnInclinedGround):
         )
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        state: Any = self._state.EvalBasicVector(context)
+        state = read_vector(self._state, context)
         pose = state.value()[self._start : self._start + 7].tolist()
         roll, pitch, _ = Axes.from_quaternion(pose[:4]).roll_pitch_yaw()
         height = dot(normal_of(*self._ground_of(context)), pose[4:])

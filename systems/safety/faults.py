@@ -353,21 +353,22 @@ class FaultInjector(LeafSystem):
     def _update_samples(self, context: Context, discrete_state: DiscreteValues) -> None:
         signal = read_array(self._signal, context)
         ruling, now = self._ruling(context)
-        sample = discrete_state.get_mutable_vector(self._held).get_mutable_value()
-        numbers = discrete_state.get_mutable_vector(self._held_number).get_mutable_value()
+        sample = np.array(context.get_discrete_state(self._held).value())
+        numbers = np.array(context.get_discrete_state(self._held_number).value())
         is_taken = np.full(self.size, True)
         for i, fault in ruling.items():
             keeps = fault.fault.kind is FaultKind.STUCK or (
                 fault.fault.kind is FaultKind.SLOW and not fault.is_due(now)
             )
             is_taken[i] = not keeps or numbers[i] < 0.0
-        sample[is_taken], numbers[is_taken] = signal[is_taken], now
-
-        history = discrete_state.get_mutable_vector(self._history).get_mutable_value()
-        history[self.size :] = history[: -self.size].copy()
-        history[: self.size] = signal
-        progress = discrete_state.get_mutable_vector(self._progress).get_mutable_value()
-        progress[:] = now, min(progress[1] + 1, self._capacity)
+        sample = np.where(is_taken, signal, sample)
+        discrete_state.set_value(self._held, sample)
+        discrete_state.set_value(self._held_number, np.where(is_taken, float(now), numbers))
+        history = context.get_discrete_state(self._history).value()
+        history = np.concatenate((signal, history[: -self.size]))
+        discrete_state.set_value(self._history, history)
+        count = min(context.get_discrete_state(self._progress)[1] + 1, self._capacity)
+        discrete_state.set_value(self._progress, np.array([now, count]))
 
         if ruling:
             faulted: Any = read_array(self.GetOutputPort("faulted"), context)

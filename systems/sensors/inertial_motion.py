@@ -9,6 +9,7 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
+from parapod.systems.core.ports import read_vector
 from parapod.systems.core.vectors import Axes
 
 
@@ -65,10 +66,10 @@ class InertialMotion(LeafSystem):
         )
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        state = self._state.EvalBasicVector(context)
+        state = read_vector(self._state, context)
         *quaternion, w_x, w_y, w_z = self._moving(state)
         v_x, v_y, v_z = self._velocity(state)
-        last = self._velocity(self._last.EvalBasicVector(context))
+        last = self._velocity(read_vector(self._last, context))
         axes = Axes.from_quaternion(quaternion)
         f_x, f_y = (v_x - last[0]) / self._period, (v_y - last[1]) / self._period
         f_z = (v_z - last[2]) / self._period

@@ -8,7 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from parapod.diagrams.rows import RowsSimulator
+from parapod.systems.core.errors import ParapodError
 
 DOCS = Path(__file__).parents[2] / "docs"
 SNAKE = re.compile(r"[a-z][a-z0-9_]*")
@@ -317,3 +321,37 @@ def test_what_is_desired_begins_where_something_is_measured(system_kind):
     specimen.step(context)
     shown = specimen.shown(context)[output]
     np.testing.assert_allclose(shown, expected(given), rtol=0.0, atol=1e-4)
+
+
+def test_rows_of_a_system_are_its_runs(specimen):
+    """Whatever comes in, row by row; one that fails does so in its run too, and alone."""
+    system = specimen.kind.make(**specimen._arguments)
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("system", system)
+    for name in specimen.inputs:
+        builder.ExportInput(system.GetInputPort(name), name)
+    diagram = builder.Build()
+    update = system.GetUniquePeriodicDiscreteUpdateAttribute()
+    until = 0.1 if update is None else 3.5 * update.period_sec() + update.offset_sec()
+    contexts = []
+    for row in range(4):
+        contexts.append(diagram.CreateDefaultContext())
+        for name, value in specimen.sample(np.random.default_rng(row)).items():
+            diagram.GetInputPort(name).FixValue(contexts[-1], value)
+    try:
+        rows = RowsSimulator(diagram, contexts)
+    except ParapodError as refusal:
+        pytest.skip(str(refusal))
+    rows.advance_to(until, until)
+    for row, context in enumerate(contexts):
+        simulator = Simulator(diagram, context)
+        if row in rows.errors:
+            with pytest.raises(type(rows.errors[row])):
+                simulator.AdvanceTo(until)
+            continue
+        simulator.AdvanceTo(until)
+        for name in specimen.outputs:
+            expected = system.GetOutputPort(name).Eval(system.GetMyContextFromRoot(context))
+            np.testing.assert_allclose(
+                rows.value(system, name, row), expected, rtol=1e-12, atol=1e-15, err_msg=name
+            )
