@@ -144,13 +144,13 @@ class Signal:
 
     def _rows(self, first: int) -> Floats:
         """Samples (n, size, rows) of some rows, which are beside each other in memory."""
-        wanted = np.arange(first, first + _BLOCK)
+        block = np.arange(first, first + _BLOCK)
         parts = []
         for chunk, rows, count in self._chunks:
             if chunk.shape[2] == 1:
                 part = np.broadcast_to(chunk[:count], (count, self._size, _BLOCK))
             else:  # some may have ended, and are not asked for
-                places = np.searchsorted(rows, wanted)
+                places = np.searchsorted(rows, block)
                 part = chunk[:count].take(places, axis=2, mode="clip")
             parts.append(part)
         return np.concatenate(parts) if parts else np.empty((0, self._size, _BLOCK))
@@ -167,7 +167,7 @@ class End:
     Attributes:
         time: time at its end [s].
         samples: number of samples that it has.
-        state: by system, the groups of its state.
+        state: groups of the state, system by system.
     """
 
     time: float
@@ -181,7 +181,7 @@ class RowsSimulator:
     Attributes:
         time: time that all rows share [s].
         rows: the rows that go on, by their numbers.
-        errors: by row, the reason why it has ended.
+        errors: reasons for which rows have ended, by their numbers.
         one_by_one: paths of systems whose laws were carried out row by row.
     """
 
@@ -246,7 +246,11 @@ class RowsSimulator:
         return self._ends[row].samples if row in self._ends else len(self._logged_at)
 
     def value(self, system: System, port: str, row: int) -> Floats:
-        """Present value of an output, or of an input, of a system of the diagram in a row."""
+        """Present value of an output, or of an input, of a system of the diagram in a row.
+
+        Raises:
+            Exception: a law that fails in this row.
+        """
         key = id(system), port
         if key not in self._ports:
             self._ports[key] = self._leaf_port(system, port)
@@ -254,16 +258,18 @@ class RowsSimulator:
         position = int(np.searchsorted(self.rows, row))
         with _at_work():
             numbers = leaf.output(index) if is_output else leaf.input(index)
+        if position in self._failed:
+            raise self._failed[position]
         return np.array(RowsContext(leaf, position).taken(numbers or []))
 
     def _leaf_port(self, system: Any, port: str) -> tuple[Leaf, int, bool]:
         """The leaf system's port that a system's shows, and whether it is an output."""
         is_output = system.HasOutputPort(port)
         if is_output:
-            found, index = output_of_leaf(system, system.GetOutputPort(port).get_index())
+            owner, index = output_of_leaf(system, system.GetOutputPort(port).get_index())
         else:
-            found, index = inputs_of_leaves(system, system.GetInputPort(port).get_index())[0]
-        leaf = next(leaf for leaf in self._leaves if leaf.system is found)
+            owner, index = inputs_of_leaves(system, system.GetInputPort(port).get_index())[0]
+        leaf = next(leaf for leaf in self._leaves if leaf.system is owner)
         return leaf, int(index), is_output
 
     def write(self, row: int, root: Context) -> None:
@@ -526,10 +532,10 @@ def _dependents_of(leaves: Sequence[Leaf]) -> dict[Any, list[tuple[Leaf, int, bo
     def origins_of(leaf: Leaf, output: Output) -> set[Any]:
         if output.law is None:
             return {(leaf, output.group)}
-        found: set[Any] = set()
+        roots_of_it: set[Any] = set()
         for ticket in output.tickets:
-            found |= of_ticket(leaf, ticket)
-        return found
+            roots_of_it |= of_ticket(leaf, ticket)
+        return roots_of_it
 
     def of_ticket(leaf: Leaf, ticket: int) -> set[Any]:
         system, groups = leaf.system, len(leaf.state)

@@ -78,8 +78,8 @@ def closed_loop(
     experiment = _experiment_of(scenario)
     check(scenario)
     parts = {"meshcat": meshcat, "plant": plant, "controller": controller}
-    given = {name: part for name, part in parts.items() if part is not None}
-    return loop_of(experiment, scenario, **given)
+    options = {name: part for name, part in parts.items() if part is not None}
+    return loop_of(experiment, scenario, **options)
 
 
 def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:

@@ -35,8 +35,7 @@ def campaign(
         console: console for progress.
         file: the table that is written, what distinguishes its work from others, and true to go
             on with an existing one; None for no file.
-        rows: number of runs that a worker is sent at once, if there are so many; 1: as many as
-            their duration asks for.
+        rows: runs in the largest parcel for a worker; 1: their duration decides.
 
     Raises:
         OutputError: the file cannot be written, or is not to be gone on with.

@@ -29,7 +29,7 @@ class Output:
 
     Attributes:
         law: calculates it; None for a group of the state.
-        tickets: what it depends on, as Drake has it.
+        tickets: tickets of all that it depends on.
         group: group of the state that it shows.
     """
 
@@ -62,7 +62,7 @@ class Laws:
         caches: entries of `declare_cached` by their index in the system.
         sampled: its periodic updates.
         initial: updates at an initialization.
-        refusals: what it has declared that rows cannot have.
+        refusals: declarations that rows cannot have.
         needs_contexts: true if its laws need a context of Drake's for each row.
     """
 
@@ -280,7 +280,7 @@ class DiscreteValues:
 
 @final
 class RowsContext:
-    """What a law sees of its system's context, for some of the rows or for one of them.
+    """Context of a system as its laws see it, for some of the rows or for one of them.
 
     Attributes:
         leaf: numbers of all rows.

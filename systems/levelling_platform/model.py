@@ -32,7 +32,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, Joint, ModelInstanceIndex, 
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import read, read_array, read_or_zeros, read_vector
+from parapod.systems.core.ports import has_value, read, read_array, read_or_zeros, read_vector
 from parapod.systems.core.remembered import Remembered
 from parapod.systems.core.triples import dot
 from parapod.systems.core.vectors import Axes
@@ -473,7 +473,7 @@ class PlatformPose(LeafSystem):
         q = self._model.positions_at(
             read_array(self._extension, context),
             read_array(self._base_pose, context),
-            read_array(self._arm, context) if self._arm.HasValue(context) else None,
+            read_array(self._arm, context) if has_value(self._arm, context) else None,
         )
         output.SetFromVector(q)
 

@@ -521,14 +521,14 @@ def legs_alone(
             is_open = ranks < right.shape[-1]
             drift[is_open] = displacement_alone(start, toward)[is_open] / unit
         displaced = displacement_alone(start, pose) / unit if step else np.zeros(pose.shape)
-        wanted, move = drift[going_on] - displaced, np.empty(pose.shape)
+        to_go, move = drift[going_on] - displaced, np.empty(pose.shape)
         for rank in np.unique(ranks).tolist():
             of = ranks == rank
             back, ahead = np.swapaxes(left[of], -1, -2)[:, :rank], right[of]
             along = product(back, missing[of]) / values[of, :rank]
             move[of] = product(np.swapaxes(ahead[:, :rank], -1, -2), along)
             if (free := ahead[:, rank:]).size:
-                move[of] += product(np.swapaxes(free, -1, -2), product(free, wanted[of]))
+                move[of] += product(np.swapaxes(free, -1, -2), product(free, to_go[of]))
         move[~np.isfinite(values).all(axis=-1)] = np.nan
         way = r_c * _norm(move)
         moves, ends = way > _CONVERGED, way <= last_step

@@ -813,8 +813,8 @@ def discovered():
                 and not name.startswith("_")
             ):
                 found.setdefault(name, value)
-    # A base class declares parameters, not ports.
-    del found["OnInclinedGround"]
+    # Base classes have no ports of their own.
+    del found["OnInclinedGround"], found["LeafSystem"]
     return dict(sorted(found.items())), templates
 
 
