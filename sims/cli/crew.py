@@ -59,21 +59,24 @@ def check_crew_options(arguments: argparse.Namespace) -> None:
 
 
 def carry_out(
-    work: "Study | Search", arguments: argparse.Namespace, what: str, **settings: Any
-) -> "Records":
+    work: "Study | Search",
+    arguments: argparse.Namespace,
+    what: str,
+    records: "Records",
+    **settings: Any,
+) -> None:
     """Carries out a study or a search; says what its file has where that comes to no end.
 
     Args:
         work: the study or search.
         arguments: arguments of a command with `add_crew_options`.
         what: pieces of the work, such as "runs".
+        records: empty ones, which take what comes out.
         settings: further ones of its `carry_out`.
     """
     from rich.console import Console
 
-    from parapod.sims.study.records import Records
-
-    records, is_over = Records(work.sampling), False
+    is_over = False
     try:
         with _crew(arguments) as crew:
             console = Console(stderr=True)
@@ -85,7 +88,6 @@ def carry_out(
                 f"{records.done.sum()} of {work.sampling.runs} {what} are in {arguments.out}"
             )
             print(f"parapod: {progress}; --resume does the rest", file=sys.stderr)
-    return records
 
 
 def _crew(arguments: argparse.Namespace) -> "Crew":

@@ -91,6 +91,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from parapod.sims.design.goals import Goal, Hold
     from parapod.sims.design.result import SearchResult
     from parapod.sims.design.search import Search
+    from parapod.sims.study.records import Records
     from parapod.sims.study.variables import split_variable
 
     goals = [Goal(name, -1.0) for name in arguments.maximise]
@@ -105,7 +106,9 @@ def execute(arguments: argparse.Namespace) -> int:
         arguments.population,
         arguments.search_seed,
     )
-    result = SearchResult(search, carry_out(search, arguments, "designs"))
+    records = Records(search.sampling)
+    carry_out(search, arguments, "designs", records)
+    result = SearchResult(search, records)
     _show(result, arguments)
     if not result.front:
         return BROKEN

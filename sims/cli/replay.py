@@ -108,7 +108,7 @@ def execute(arguments: argparse.Namespace) -> int:
             temporary.write_text(page, encoding="utf-8")
         print(f"wrote {arguments.html}")
         return HELD
-    from parapod.sims.replay.serve import PageServer
+    from parapod.sims.lab.serve import PageServer
 
     with PageServer(page) as server:
         print(f"{arguments.log.name} is shown at {server.url}; Ctrl-C ends", flush=True)

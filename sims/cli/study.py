@@ -72,6 +72,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulate up to N runs together, as rows of the same arithmetic; 0: each alone; "
         "default auto: as many as are fast, within 768 MiB a worker",
     )
+    parser.add_argument(
+        "--watch", action="store_true", help="show the page in a browser while the study runs"
+    )
     add_crew_options(parser, "runs")
     for option, what in _OUTPUTS.items():
         parser.add_argument(f"--{option}", type=Path, metavar="FILE", help=f"write {what} to FILE")
@@ -85,9 +88,15 @@ def execute(arguments: argparse.Namespace) -> int:
     check_crew_options(arguments)
     _, scenario = load(arguments)
 
+    from contextlib import nullcontext
+
+    from rich.console import Console
+
+    from parapod.sims.study.records import Records
     from parapod.sims.study.result import StudyResult
     from parapod.sims.study.study import Study
     from parapod.sims.study.variables import split_variable
+    from parapod.sims.study.watch import watched
 
     variables = [split_variable(text) for text in arguments.vary]
     for key, _ in variables:
@@ -101,8 +110,11 @@ def execute(arguments: argparse.Namespace) -> int:
         arguments.runs,
         arguments.sampling_seed,
     )
-    records = carry_out(study, arguments, "runs", rows=arguments.rows)
-    return _show(StudyResult(study, records), arguments)
+    records = Records(study.sampling)
+    page = watched(study, records, Console(stderr=True)) if arguments.watch else nullcontext()
+    with page as look:
+        carry_out(study, arguments, "runs", records, rows=arguments.rows, look=look)
+        return _show(StudyResult(study, records), arguments)
 
 
 def _show(result: "StudyResult", arguments: argparse.Namespace) -> int:

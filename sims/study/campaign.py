@@ -24,6 +24,7 @@ def campaign(
     console: Console,
     file: tuple[Path, Mapping[str, Any], bool] | None = None,
     rows: int = 1,
+    look: Callable[[], None] | None = None,
 ) -> Iterator[Callable[[Sequence[int]], None]]:
     """Context in which runs are carried out, by their numbers; what is done already is left out.
 
@@ -36,6 +37,7 @@ def campaign(
         file: the table that is written, what distinguishes its work from others, and true to go
             on with an existing one; None for no file.
         rows: runs in the largest parcel for a worker; 1: their duration decides.
+        look: called whenever a run is done; None: nothing is.
 
     Raises:
         OutputError: the file cannot be written, or is not to be gone on with.
@@ -64,6 +66,8 @@ def campaign(
                     keep.add(outcome)
                 count += 1
                 report(count)
+                if look is not None:
+                    look()
 
         yield work_out
 

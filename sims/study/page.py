@@ -10,7 +10,11 @@ from parapod.sims.study.summary import QUANTILES, Summary
 
 
 def make_page(
-    study: Study, summary: Summary, figures: Sequence[Figure], template: str = "page.html.jinja"
+    study: Study,
+    summary: Summary,
+    figures: Sequence[Figure],
+    template: str = "page.html.jinja",
+    refresh: int = 0,
 ) -> str:
     """The page.
 
@@ -19,11 +23,13 @@ def make_page(
         summary: summary of the runs.
         figures: its figures.
         template: "page.html.jinja", or "part.html.jinja" for its body alone.
+        refresh: time after which a browser looks again, of a study that is running [s]; 0: never.
     """
     return render_page(
         "parapod.sims.study",
         template=template,
         study=study,
+        refresh=refresh,
         summary=summary,
         maps=[figure for figure in figures if figure.name.startswith(MAP)],
         figures=[figure for figure in figures if not figure.name.startswith(MAP)],

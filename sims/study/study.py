@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -129,6 +129,7 @@ class Study:
         path: Path | None = None,
         resume: bool = False,
         rows: int | None = None,
+        look: Callable[[], None] | None = None,
     ) -> None:
         """Carries out what a file does not have yet.
 
@@ -140,6 +141,7 @@ class Study:
             resume: true to go on with an existing one.
             rows: largest number of runs that are simulated together, as rows; 0: each alone; None:
                 as many as are fast, where there are laws over rows.
+            look: called whenever a run is done; None: nothing is.
 
         Raises:
             OutputError: the file cannot be written, or is not to be gone on with.
@@ -150,7 +152,8 @@ class Study:
         most = (rows or MOST_ROWS) if admitted else 1
         work = partial(carry_out_runs, self.order, rows if admitted else 1)
         file = None if path is None else (path, self.as_json(), resume)
-        with campaign(self.entry.name, work, crew, records, console, file, most) as work_out:
+        name, runs = self.entry.name, (crew, records, console, file, most, look)
+        with campaign(name, work, *runs) as work_out:
             work_out(self._in_order(np.flatnonzero(~records.done)))
 
     def _in_order(self, runs: NDArray[np.int_]) -> list[int]:

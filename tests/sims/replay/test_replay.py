@@ -16,12 +16,12 @@ from rich.console import Console
 from parapod.diagrams.machine import find_machine
 from parapod.sims.cli.main import main
 from parapod.sims.lab.discovery import find_entry, find_experiment
+from parapod.sims.lab.serve import PageServer
 from parapod.sims.output.logs.files import read_log, write_experiment_log
 from parapod.sims.output.logs.mcap import McapWriter
 from parapod.sims.replay import digest as digests
 from parapod.sims.replay.page import make_page
 from parapod.sims.replay.replay import least_ends, near_limits, open_replays
-from parapod.sims.replay.serve import PageServer
 from parapod.systems.walking_chair.chair import chair_inverse
 from parapod.systems.walking_chair.gait import TrotGait, Walk
 from parapod.systems.walking_chair.geometry import ChairGeometry
