@@ -34,6 +34,10 @@ _PANEL, _LETTERS = 1.7, 8.5
 # Cells along each variable of a map, and mean number of runs in each that is aimed at, where runs
 # do not lie on a grid; there the border is that of shares smoothed over this number of cells.
 _CELLS, _IN_CELL = 24, 8
+# Most cells along a variable of a grid, whose runs have one each.
+_MOST_CELLS = 200
+# Size of the marks of runs, and of all those along an axis together [pt].
+_MARK, _MARKS = 3.5, 180.0
 _SMOOTHED = 1.0
 # Points of runs are drawn as pixels: as shapes a million of them would be a page of gigabytes.
 _PIXELS: dict[str, Any] = {"rasterized": True}
@@ -208,26 +212,30 @@ def _map_of_feasibility(study: Study, records: Records, one: Variable, other: Va
 
     def draw(canvas: "Canvas") -> None:
         ax = canvas.subplots()
-        xs, ys = _edges(x), _edges(y)
+        most = _MOST_CELLS if study.sampling.kind == "grid" else _CELLS
+        xs, ys = _edges(x, most), _edges(y, most)
         every, _, _ = np.histogram2d(x, y, (xs, ys))
         counts, _, _ = np.histogram2d(x[is_passed], y[is_passed], (xs, ys))
         with np.errstate(invalid="ignore"):
             share = 100.0 * counts / every  # NaN where no run is
-        image = ax.pcolormesh(xs, ys, share.T, cmap=_map(), vmin=0.0, vmax=100.0)
+        scale: Any = {"cmap": _map(), "vmin": 0.0, "vmax": 100.0}
+        image = ax.pcolormesh(xs, ys, share.T, **_PIXELS | scale)
         _draw_contour(ax, (xs, ys), counts, every)
+        size = min(_MARK, _MARKS / max(xs.size, ys.size))
         for which, marker, colour, label in (
             (~is_passed & ~refused, "x", "0.1", "a bound is broken"),
             (refused, "+", _REFUSED, "refused or failed"),
         ):
             if which.any():
-                style = {"markersize": 3.5, "markeredgewidth": 0.8, "linestyle": "none"}
+                style = {"markersize": size, "markeredgewidth": 0.23 * size, "linestyle": "none"}
                 ax.plot(x[which], y[which], marker, color=colour, label=label, **_PIXELS | style)
         ax.set_xlabel(one.key)
         ax.set_ylabel(other.key)
         ax.tick_params(labelsize=_LETTERS)
         ax.grid(visible=False)
         if not is_passed.all():
-            ax.legend(fontsize=_LETTERS, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+            place: Any = {"loc": "upper left", "bbox_to_anchor": (0.0, 1.12), "ncols": 2}
+            ax.legend(fontsize=_LETTERS, markerscale=_MARK / size, **place)
         canvas.colorbar(image, ax=ax, label="runs with all bounds held [%]")
 
     others = [v.key for v in study.variables if v not in (one, other)]
@@ -241,10 +249,10 @@ def _map_of_feasibility(study: Study, records: Records, one: Variable, other: Va
     return Figure(name, title, caption, draw, _MAP)
 
 
-def _edges(values: Array) -> Array:
-    """Edges of the cells of a map: one cell for each value where there are few."""
+def _edges(values: Array, most: int) -> Array:
+    """Edges of the cells of a map: one cell for each value unless there are more than `most`."""
     values_in_use = np.unique(values)
-    if 1 < values_in_use.size <= _CELLS:
+    if 1 < values_in_use.size <= most:
         middles = 0.5 * (values_in_use[1:] + values_in_use[:-1])
         first, last = (
             1.5 * values_in_use[0] - 0.5 * values_in_use[1],
