@@ -65,7 +65,7 @@ def test_its_seeds_run_in_processes_of_their_own(pendula, tmp_path, work):
     environment = os.environ | {"PYTHONPATH": str(tmp_path / "site")}
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert "all bounds held with all 2 seeds" in done.stdout
+    assert "All bounds held in 2 of 2 runs" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from parapod.sims.lab.work import Crew, LocalCrew, NoWorkers
 from parapod.sims.output.options import Loops, RunOptions
 from parapod.sims.study.records import Records
 from parapod.sims.study.result import read_study
-from parapod.sims.study.runs import AnotherVersion, Software, carry_out_run
+from parapod.sims.study.runs import AnotherVersion, Software, carry_out_runs
 from parapod.sims.study.study import Study
 from parapod.sims.study.summary import print_summary
 from parapod.systems.core.errors import OutputError
@@ -125,7 +125,7 @@ def test_columns_come_in_the_order_in_which_runs_measure_them_whichever_is_done_
     result = carry_out(made)
     records = Records(made.sampling)
     for run in reversed(range(15)):
-        records.add(carry_out_run(made.order, (run, made.sampling.values(run))))
+        records.add(*carry_out_runs(made.order, 1, [(run, made.sampling.values(run))]))
     assert [c.key for c in records.columns] == [c.key for c in result.records.columns]
 
 
