@@ -64,14 +64,6 @@ class LoopRows[S]:
         """Paths of systems whose laws were carried out row by row, which is slow."""
         return sorted(self._simulator.one_by_one)
 
-    def bytes_for(self, duration: float) -> int:
-        """Memory that the recording of a row needs [B].
-
-        Args:
-            duration: time that is recorded [s].
-        """
-        return bytes_of_row(self.loop, duration)
-
     def advance_to(
         self, until: float, monitors: Sequence[Callable[[Any], EventStatus] | None] = ()
     ) -> None:
@@ -85,7 +77,7 @@ class LoopRows[S]:
         Raises:
             ParapodError: more rows than memory.
         """
-        needed = len(self.scenarios) * self.bytes_for(until - self._simulator.time)
+        needed = len(self.scenarios) * bytes_of_row(self.loop, until - self._simulator.time)
         free = _free_memory()
         if needed > free:
             raise ParapodError(
