@@ -20,13 +20,13 @@ _HEAD = f"""\
 digraph {{
   splines=spline; bgcolor="transparent"; margin=0;
   graph [fontname="{_FONT}", fontsize=14, labeljust=l, style="rounded,filled", color="#8497B0"];
-  node [shape=plain, fontname="{_FONT}", fontsize=11];
+  node [shape=plain, fontname="{_FONT}", fontsize=12];
   edge [arrowsize=0.7, color="#44546A"];
 """
 # Fills: of frames, of a block's head and body, and of the diagram's own inputs and outputs.
 _FRAME, _TITLE, _BODY, _INPUT, _OUTPUT = "#F2F5F9", "#DDEBF7", "#FFFFFF", "#FFF2CC", "#E2EFDA"
 # Room between blocks [inch]: wires from port to port need more of it.
-_ROOM_FOR_PORTS, _ROOM = "nodesep=0.3; ranksep=0.9;", "nodesep=0.2; ranksep=0.4;"
+_ROOM_FOR_PORTS, _ROOM = "nodesep=0.3; ranksep=0.9;", "nodesep=0.1; ranksep=0.4;"
 _RANKS = {"right": "LR", "down": "TB"}
 _MERGED = 1.8  # width of a wire that stands for several [pt]
 _MM_PER_INCH = 25.4

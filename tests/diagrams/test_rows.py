@@ -1,5 +1,7 @@
 import math
+import re
 from operator import mul
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -270,3 +272,22 @@ def test_a_continuous_state_is_refused_by_name():
     circuit.build()
     with pytest.raises(ParapodError, match="LinearSystem' has no laws over rows: a continuous"):
         RowsSimulator(circuit.diagram, [circuit.diagram.CreateDefaultContext()])
+
+
+def test_the_system_of_the_documents_takes_rows():
+    page = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+    (listing,) = (
+        text for text in re.findall(r"```python\n(.*?)```", page, re.S) if "class" in text
+    )
+    names = {}
+    exec(listing, names)
+    circuit = Circuit()
+    source = circuit.add(ConstantVectorSource(np.ones(1)))
+    circuit.add(names["Governor"](), source.get_output_port())
+    circuit.build()
+
+    def set_row(context, row):
+        mine = source.GetMyMutableContextFromRoot(context)
+        source.get_mutable_source_value(mine).SetFromVector(np.array([0.6 * row]))
+
+    assert not assert_rows_are_runs(circuit, set_row).one_by_one
