@@ -296,7 +296,7 @@ class RowsSimulator:
         for row, position in zip(ending, positions, strict=True):
             self._ends[row] = self._end(position)
         if positions:
-            self.drop(positions)
+            self._drop(positions)
 
     def _advance_to(self, until: float, period: float, look: Look | None) -> None:
         if not self._is_initialized:
@@ -401,11 +401,11 @@ class RowsSimulator:
             return False
         for position, error in self._failed.items():
             self.errors[int(self.rows[position])] = error
-        self.drop(list(self._failed))
+        self._drop(list(self._failed))
         self._failed.clear()
         return True
 
-    def drop(self, positions: Sequence[int]) -> None:
+    def _drop(self, positions: Sequence[int]) -> None:
         """Ends rows, the others go on.
 
         Args:

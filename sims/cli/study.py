@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,8 +88,6 @@ def execute(arguments: argparse.Namespace) -> int:
     print_of(arguments, arguments.figure_format)  # refused before the study
     check_crew_options(arguments)
     _, scenario = load(arguments)
-
-    from contextlib import nullcontext
 
     from rich.console import Console
 

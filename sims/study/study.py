@@ -21,7 +21,7 @@ from parapod.sims.study.records import Records
 from parapod.sims.study.runs import Order, Software, carry_out_runs
 from parapod.sims.study.sampling import Sampling
 from parapod.sims.study.variables import Variable, read_variables
-from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.scenario_file import inline, load_scenario
 from parapod.systems.core.schema import checked, differing
 
@@ -144,11 +144,17 @@ class Study:
             look: called whenever a run is done; None: nothing is.
 
         Raises:
+            ParapodError: rows of what has no laws over rows.
             OutputError: the file cannot be written, or is not to be gone on with.
             NoWorkers: nothing carries out anything any more; what is done is in the file.
             AnotherVersion: a worker has other software.
         """
-        admitted = self._takes_rows() if rows is None else rows > 0
+        admitted = rows != 0 and self._takes_rows()
+        if rows and not admitted:
+            raise ParapodError(
+                f"runs of '{self.entry.name}' on {self.tree['backend']} have no laws over rows: "
+                "those of a closed loop on kinematic have; rows must be 0 or auto"
+            )
         most = (rows or MOST_ROWS) if admitted else 1
         work = partial(carry_out_runs, self.order, rows if admitted else 1)
         file = None if path is None else (path, self.as_json(), resume)

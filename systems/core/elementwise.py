@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from parapod.systems.core.rows import Mask, Rows, by_library, flags_of, matrix_of
+from parapod.systems.core.rows import Mask, Rows, by_library, matrix_of, values_of
 
 # A float, a number of each row, an array of floats, or an AutoDiffXd (or an object array of them).
 type Elementwise = Any
@@ -34,7 +34,7 @@ def quotient(x: Elementwise, y: Elementwise) -> Elementwise:
         return math.nan
     if type(y) is Rows:
         values = np.full(y.values.size, math.nan)
-        np.divide(x.values if type(x) is Rows else x, y.values, out=values, where=y.values != 0.0)
+        np.divide(values_of(x), y.values, out=values, where=y.values != 0.0)
         return Rows(values)
     return x / y
 
@@ -126,8 +126,7 @@ def sumprod(p: Sequence[Elementwise], q: Sequence[Elementwise]) -> Elementwise:
 def copysign(x: Elementwise, sign: Elementwise) -> Elementwise:
     """Magnitude of x with another number's sign, of floats or rows."""
     if type(x) is Rows or type(sign) is Rows:
-        values = (part.values if type(part) is Rows else part for part in (x, sign))
-        return Rows(np.copysign(*values))
+        return Rows(np.copysign(values_of(x), values_of(sign)))
     return math.copysign(x, sign)
 
 
@@ -142,8 +141,7 @@ def where(condition: Any, x: Elementwise, y: Elementwise) -> Elementwise:
     Both are calculated: a law that asks `if` parts rows that differ, which this does not.
     """
     if type(condition) is Mask:
-        values = (part.values if type(part) is Rows else part for part in (x, y))
-        return Rows(np.where(condition.flags, *values))
+        return Rows(np.where(condition.flags, values_of(x), values_of(y)))
     return x if condition else y
 
 
@@ -170,14 +168,14 @@ def first_least(numbers: Sequence[Elementwise]) -> tuple[Any, ...]:
 def both(x: Any, y: Any) -> Any:
     """Whether two answers are yes, of all or of each row."""
     if type(x) is Mask or type(y) is Mask:
-        return Mask(np.logical_and(flags_of(x), flags_of(y)))
+        return x & y
     return x and y
 
 
 def either(x: Any, y: Any) -> Any:
     """Whether one of two answers is yes, of all or of each row."""
     if type(x) is Mask or type(y) is Mask:
-        return Mask(np.logical_or(flags_of(x), flags_of(y)))
+        return x | y
     return x or y
 
 

@@ -342,8 +342,7 @@ def matrix_of(numbers: Sequence[Number], size: int) -> Floats:
     """Numbers (k) of rows as an array (k, size), whatever their kind."""
     matrix = np.empty((len(numbers), size))
     for i, number in enumerate(numbers):
-        row: Any = number.values if type(number) is Rows else number
-        matrix[i] = row
+        matrix[i] = values_of(number)
     return matrix
 
 
@@ -371,21 +370,26 @@ def taken(number: Number, index: Index) -> Number:
 
 def carried_out(
     law: Callable[[Index], Sequence[Number]],
-    one: Callable[[int], Sequence[Number]],
+    one: Callable[[int], Sequence[Number]] | None,
     size: int,
 ) -> list[Number]:
     """Numbers that a law gives for all rows, in parts where it asks what they answer differently.
 
+    A law that does not take rows, or fails in one of them, raises something: its rows are then
+    taken one at a time, and the error of a row is what `one` raises.
+
     Args:
         law: law of the rows at these positions; None for all.
-        one: the same for one row alone, with floats; called where the law does not take rows.
+        one: the same for one row alone, with floats; None: what the law raises is raised.
         size: number of rows.
     """
     try:
         return list(law(None))
     except Parted as parted:
         waiting = [np.flatnonzero(~parted.flags), np.flatnonzero(parted.flags)]
-    except Exception:  # not for rows, or one of them fails
+    except Exception:
+        if one is None:
+            raise
         return _by_rows([one(position) for position in range(size)])
     parts: list[tuple[NDArray[np.intp], Sequence[Number]]] = []
     while waiting:
@@ -395,6 +399,8 @@ def carried_out(
         except Parted as parted:
             waiting += [index[~parted.flags], index[parted.flags]]
         except Exception:
+            if one is None:
+                raise
             numbers = _by_rows([one(position) for position in index.tolist()])
             parts.append((index, numbers))
     return _merged(parts, size)
@@ -422,7 +428,7 @@ def _merged(parts: Sequence[tuple[NDArray[np.intp], Sequence[Number]]], size: in
             continue
         values = np.empty(size)
         for (index, _), number in zip(parts, column, strict=True):
-            values[index] = number.values if type(number) is Rows else number
+            values[index] = values_of(number)
         whole.append(Rows(values))
     return whole
 
@@ -431,7 +437,7 @@ def each(law: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     """Results of a law for each of several channels: `[law(*row) for row in zip(*columns)]`.
 
     Channels of rows are taken as further rows, so that a law is carried out once for all of them,
-    and not once for each combination of the ways that they go.
+    and not once for each combination of the ways that they go. What the law raises is raised.
 
     Args:
         law: function of an element of each column; gives a number or a tuple of them.
@@ -454,11 +460,7 @@ def each(law: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     def of_rows(index: Index) -> tuple[Any, ...]:
         return as_tuple(law(*(taken(column, index) for column in flat)))
 
-    def of_one(position: int) -> tuple[Any, ...]:
-        row = (float(x.values[position]) if type(x) is Rows else x for x in flat)
-        return as_tuple(law(*row))
-
-    numbers = carried_out(of_rows, of_one, count * size)
+    numbers = carried_out(of_rows, None, count * size)
     channels = [
         tuple(
             Rows(number.values[i * size : (i + 1) * size]) if type(number) is Rows else number

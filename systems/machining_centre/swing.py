@@ -503,7 +503,7 @@ def legs_alone(
         open_below: [-].
 
     Returns:
-        Lengths (rows, 2n), and poses (rows, 6) of platform and foot; NaN where there are none.
+        Lengths (rows, 2n), and poses (rows, 6) of platform and foot; NaN where none exist.
     """
     limb, r_c, unit = locks.lock_set.limb - 1, geometry.platform_radius, _unit_motion(geometry)
     chosen, longest = (..., *_indices(locks.lock_set.joints[turns:])), _LONGEST * geometry.size

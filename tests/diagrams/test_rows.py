@@ -85,7 +85,7 @@ class Counter(LeafSystem):
 
 
 class DrakesOwn(framework.LeafSystem):
-    """As somebody writes it who knows of Drake alone."""
+    """System of an author who knows of Drake alone."""
 
     def __init__(self):
         super().__init__()
@@ -148,6 +148,16 @@ def simulated(circuit, set_row, count):
     return simulator
 
 
+def setting(source, value):
+    """Sets the constant of a source to a function of the row."""
+
+    def set_row(context, row):
+        own = source.GetMyMutableContextFromRoot(context)
+        source.get_mutable_source_value(own).SetFromVector(np.array(value(row), dtype=float))
+
+    return set_row
+
+
 def assert_rows_are_runs(circuit, set_row, count=4):
     simulator = simulated(circuit, set_row, count)
     assert not simulator.errors
@@ -184,10 +194,7 @@ def primitives():
 def test_primitives_of_drake(primitives):
     source = primitives.diagram.GetSystems()[0]
 
-    def set_row(context, row):
-        own = source.GetMyMutableContextFromRoot(context)
-        source.get_mutable_source_value(own).SetFromVector(np.array([row, 1.0, 0.3 * row, -1.0]))
-
+    set_row = setting(source, lambda row: [row, 1.0, 0.3 * row, -1.0])
     simulator = assert_rows_are_runs(primitives, set_row)
     assert not simulator.one_by_one
 
@@ -234,11 +241,7 @@ def test_a_system_of_drake_alone_is_taken_row_by_row_and_named():
     circuit.add(Gain(2.0, 2), own.get_output_port(0))
     circuit.build()
 
-    def set_row(context, row):
-        mine = source.GetMyMutableContextFromRoot(context)
-        source.get_mutable_source_value(mine).SetFromVector(np.array([row, 1.0]))
-
-    simulator = assert_rows_are_runs(circuit, set_row)
+    simulator = assert_rows_are_runs(circuit, setting(source, lambda row: [row, 1.0]))
     assert [name.split("::")[-1] for name in simulator.one_by_one] == [own.get_name()]
 
 
@@ -257,11 +260,7 @@ def test_an_array_of_floats_only_is_taken_row_by_row():
     own = circuit.add(Insisting(), source.get_output_port())
     circuit.build()
 
-    def set_row(context, row):
-        mine = source.GetMyMutableContextFromRoot(context)
-        source.get_mutable_source_value(mine).SetFromVector(np.array([row, 1.0]))
-
-    simulator = assert_rows_are_runs(circuit, set_row)
+    simulator = assert_rows_are_runs(circuit, setting(source, lambda row: [row, 1.0]))
     assert [name.split("::")[-1] for name in simulator.one_by_one] == [own.get_name()]
 
 
@@ -286,8 +285,4 @@ def test_the_system_of_the_documents_takes_rows():
     circuit.add(names["Governor"](), source.get_output_port())
     circuit.build()
 
-    def set_row(context, row):
-        mine = source.GetMyMutableContextFromRoot(context)
-        source.get_mutable_source_value(mine).SetFromVector(np.array([0.6 * row]))
-
-    assert not assert_rows_are_runs(circuit, set_row).one_by_one
+    assert not assert_rows_are_runs(circuit, setting(source, lambda row: [0.6 * row])).one_by_one

@@ -137,6 +137,8 @@ REFUSALS = [
         )
         for option in ("html", "log", "graphviz", "figures")
     ),
+    ("study level --vary seed=0:2 --rows 5", r"runs of 'level' on multibody have no laws .*"),
+    ("study level --vary seed=0:2 --rows x", r"argument --rows: must be auto, or a whole .*"),
     ("run level --seeds 2 --plot", r"--plot shows a single run and does not go with --seeds"),
     *(
         (f"run level --seeds={n}", rf"argument --seeds: must be a whole .*, not '{n}' .*")
