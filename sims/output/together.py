@@ -30,6 +30,12 @@ _FEWEST = 8
 _STACK = 8 * 2**20
 
 
+def collect_garbage() -> None:
+    """Collects garbage, unless in a thread beside: a scene of Meshcat must end in its own."""
+    if threading.current_thread() is threading.main_thread():
+        gc.collect()
+
+
 @dataclass(frozen=True)
 class Wish:
     """Simulation that a run wants.
@@ -106,7 +112,7 @@ class Together:
         while guests := self._gather(waiting):
             while wishes := [guest for guest in guests if guest.wish is not None]:
                 for guests_alike in _alike(wishes):
-                    gc.collect()  # rows of before, which know each other in circles
+                    collect_garbage()  # rows of before, which know each other in circles
                     answers = _simulated([guest.wish for guest in guests_alike])
                     for guest, answer in zip(guests_alike, answers, strict=True):
                         guest.answer(answer)

@@ -21,7 +21,7 @@ from parapod.sims.lab.discovery import Entry, UnknownExperiment, find_entry
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.output.options import Loops, RunOptions
 from parapod.sims.output.results import Metric
-from parapod.sims.output.together import Together
+from parapod.sims.output.together import Together, collect_garbage
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import printable
 from parapod.systems.core.schema import Reader, build
@@ -193,7 +193,7 @@ def open_shop(order: Order) -> Shop:
         options = RunOptions(console=Console(file=io.StringIO(), quiet=True), loops=Loops())
         shop = Shop(Software.from_entry(entry), entry.load(), options)
         # What has been imported stays: the garbage collector need not go through it each run.
-        gc.collect()
+        collect_garbage()
         gc.freeze()
         setattr(_shops, order.experiment, shop)
     if shop.software != order.software:
