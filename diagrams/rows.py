@@ -6,7 +6,7 @@ of events is that of Drake's Simulator.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
     Diagram,
     DiscreteStateIndex,
     NumericParameterIndex,
+    PortDataType,
     System,
 )
 from pydrake.systems.primitives import VectorLogSink
@@ -26,6 +27,7 @@ from pydrake.systems.primitives import VectorLogSink
 from parapod.diagrams.leaves import flattened, inputs_of_leaves, output_of_leaf
 from parapod.diagrams.primitives import find_laws
 from parapod.systems.core import rows as rows_module
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import (
     DiscreteValues,
     Law,
@@ -54,6 +56,7 @@ class Leaf:
         parameters: its numeric parameters.
         abstract: values of its abstract parameters, one a row.
         contexts: Drake's contexts of the rows, where its laws need them.
+        memory: keeps the rows in place of all this, where the system has one.
     """
 
     def __init__(self, system: Any, laws: Laws, simulator: "RowsSimulator"):
@@ -63,11 +66,56 @@ class Leaf:
         self.parameters: list[list[Number]] = []
         self.abstract: list[list[Any]] = []
         self.contexts: list[Context] = []
+        self.memory = laws.memory() if laws.memory is not None else None
         self.sources: list[tuple[Leaf, int] | None] = [None] * system.num_input_ports()
         self.fixed: dict[int, list[Number]] = {}
         self.outputs: list[list[Number] | None] = [None] * len(laws.outputs)
         self.caches: dict[tuple[int, Any], Any] = {}
         self._simulator = simulator
+        self._added: list[list[list[float]]] = []
+
+    def add(self, system: Any, context: Any) -> None:
+        """Reads the beginning of a further row from a system like this and its context."""
+        fixed = [
+            k
+            for k, source in enumerate(self.sources)
+            if source is None and system.get_input_port(k).HasValue(context)
+        ]
+        states = range(context.num_discrete_state_groups())
+        parameters = range(context.num_numeric_parameter_groups())
+        for k in fixed:
+            _check_numbers(system, system.get_input_port(k))
+        if not self._added:
+            self.state, self.parameters = [[] for _ in states], [[] for _ in parameters]
+            self.abstract = [[] for _ in range(context.num_abstract_parameters())]
+            self.fixed = {k: [] for k in fixed}
+        if self.memory is not None:
+            self.memory.add(system, context)
+            states = range(0)
+        self._added.append(
+            [
+                *(context.get_discrete_state(k).value().tolist() for k in states),
+                *(context.get_numeric_parameter(k).CopyToVector().tolist() for k in parameters),
+                *(system.get_input_port(k).Eval(context).tolist() for k in fixed),
+            ]
+        )
+        for k, values in enumerate(self.abstract):
+            values.append(context.get_abstract_parameter(k).Clone())
+        if self.laws.needs_contexts:
+            own = system.CreateDefaultContext()
+            own.SetTimeStateAndParametersFrom(context)
+            self.contexts.append(own)
+
+    def begin(self) -> None:
+        """Takes the numbers of all rows together."""
+        groups = [_numbers(group) for group in zip(*self._added, strict=True)]
+        self._added.clear()
+        if self.memory is not None:
+            self.memory.begin()
+        else:
+            self.state, groups = groups[: len(self.state)], groups[len(self.state) :]
+        self.parameters, groups = groups[: len(self.parameters)], groups[len(self.parameters) :]
+        self.fixed = dict(zip(self.fixed, groups, strict=True))
 
     @property
     def time(self) -> float:
@@ -90,13 +138,21 @@ class Leaf:
     def output(self, index: int) -> list[Number]:
         """Numbers at an output."""
         numbers = self.outputs[index]
-        if numbers is None:
+        if numbers is None and self.memory is not None:
+            numbers = self.outputs[index] = self.memory.output(index)
+        elif numbers is None:
             output = self.laws.outputs[index]
             if output.law is None:
                 return self.state[output.group]
             numbers = self._simulator.calculated(self, output.law, self.sizes[index])
             self.outputs[index] = numbers
         return numbers
+
+    def state_of(self, position: int) -> list[list[Any]]:
+        """Groups of the state of a row."""
+        if self.memory is not None:
+            return self.memory.state(position)
+        return [RowsContext(self, position).taken(group) for group in self.state]
 
     def cached(self, index: int, rows: Any) -> Any:
         """The object of a cache entry for some of the rows."""
@@ -206,6 +262,8 @@ class RowsSimulator:
         self._leaves = [Leaf(system, find_laws(system), self) for system in systems]
         for (reader, port), (giver, output) in sources.items():
             self._leaves[reader].sources[port] = self._leaves[giver], output
+            if self._leaves[giver].memory is None:
+                _check_numbers(systems[giver], systems[giver].get_output_port(output))
         self._logs: dict[str, tuple[Leaf, Signal]] = {}
         self._logged_at: list[float] = []
         self.rows = np.arange(self._gather(contexts))
@@ -282,10 +340,7 @@ class RowsSimulator:
                 own.SetDiscreteState(g, np.array(group))
 
     def _end(self, position: int) -> "End":
-        state = [
-            [RowsContext(leaf, position).taken(group) for group in leaf.state]
-            for leaf in self._leaves
-        ]
+        state = [leaf.state_of(position) for leaf in self._leaves]
         return End(self.time, len(self._logged_at), state)
 
     def _look(self, look: Look | None) -> None:
@@ -334,19 +389,28 @@ class RowsSimulator:
     def _update(self, laws: Sequence[tuple[Leaf, Law]]) -> None:
         """Carries out updates of the state that take place together."""
         ahead: dict[int, tuple[Leaf, list[list[Number]]]] = {}
+        steps: list[tuple[Leaf, Callable[[], Mapping[int, Exception]]]] = []
         while self.rows.size:
-            ahead = {}
+            ahead, steps = {}, []
             for leaf, law in laws:
+                if leaf.memory is not None:
+                    steps.append((leaf, leaf.memory.update(RowsContext(leaf))))
+                    continue
                 _, groups = ahead.get(id(leaf), (leaf, leaf.state))
                 ahead[id(leaf)] = leaf, self._updated(leaf, law, groups)
             if not self._drop_failed():
                 break
-            ahead = {}
+            ahead, steps = {}, []
+        for leaf, step in steps:  # which cannot be taken back
+            self._failed |= step()
+            for g in range(len(leaf.state)):
+                self._forget(self._dependents.get((leaf, g), ()))
         for leaf, groups in ahead.values():
             for g, (before, after) in enumerate(zip(leaf.state, groups, strict=True)):
                 if not _is_same(before, after):
                     leaf.state[g] = after
                     self._forget(self._dependents.get((leaf, g), ()))
+        self._drop_failed()
 
     def _updated(self, leaf: Leaf, law: Law, groups: Sequence[list[Number]]) -> list[list[Number]]:
         """State of a system after one of its updates."""
@@ -421,51 +485,21 @@ class RowsSimulator:
             leaf.fixed = {i: _kept(numbers, kept) for i, numbers in leaf.fixed.items()}
             leaf.abstract = [[values[i] for i in kept] for values in leaf.abstract]
             leaf.contexts = [leaf.contexts[i] for i in kept] if leaf.contexts else []
+            if leaf.memory is not None:
+                leaf.memory.keep(kept)
             leaf.outputs = [None] * len(leaf.outputs)
             leaf.caches.clear()
 
     def _gather(self, contexts: Iterable[Context]) -> int:
         """Reads the rows' contexts; returns their number."""
-        columns: list[list[list[list[float]]]] = []
         count = 0
         for root in contexts:
-            for i, leaf in enumerate(self._leaves):
-                own: Any = leaf.system.GetMyContextFromRoot(root)
-                if count == 0:
-                    columns.append([])
-                    self.time = root.get_time()
-                    leaf.abstract = [[] for _ in range(own.num_abstract_parameters())]
-                fixed = [
-                    k
-                    for k, source in enumerate(leaf.sources)
-                    if source is None and leaf.system.get_input_port(k).HasValue(own)
-                ]
-                groups = [
-                    own.get_discrete_state(k).value().tolist()
-                    for k in range(own.num_discrete_state_groups())
-                ]
-                groups += [
-                    own.get_numeric_parameter(k).CopyToVector().tolist()
-                    for k in range(own.num_numeric_parameter_groups())
-                ]
-                groups += [leaf.system.get_input_port(k).Eval(own).tolist() for k in fixed]
-                columns[i].append(groups)
-                for k, values in enumerate(leaf.abstract):
-                    values.append(own.get_abstract_parameter(k).Clone())
-                if leaf.laws.needs_contexts:
-                    context = leaf.system.CreateDefaultContext()
-                    context.SetTimeStateAndParametersFrom(own)
-                    leaf.contexts.append(context)
-                if count == 0:
-                    leaf.state = [[] for _ in range(own.num_discrete_state_groups())]
-                    leaf.parameters = [[] for _ in range(own.num_numeric_parameter_groups())]
-                    leaf.fixed = {k: [] for k in fixed}
+            self.time = root.get_time()
+            for leaf in self._leaves:
+                leaf.add(leaf.system, leaf.system.GetMyContextFromRoot(root))
             count += 1
-        for leaf, rows in zip(self._leaves, columns, strict=True):
-            numbers = [_numbers(group) for group in zip(*rows, strict=True)]
-            ends = len(leaf.state), len(leaf.state) + len(leaf.parameters)
-            leaf.state, leaf.parameters = numbers[: ends[0]], numbers[ends[0] : ends[1]]
-            leaf.fixed = dict(zip(leaf.fixed, numbers[ends[1] :], strict=True))
+        for leaf in self._leaves:
+            leaf.begin()
         return count
 
 
@@ -478,6 +512,13 @@ def _at_work() -> Iterator[None]:
             yield
     finally:
         rows_module.at_work = before
+
+
+def _check_numbers(system: Any, port: Any) -> None:
+    """Raises ParapodError for a port that has no numbers."""
+    if port.get_data_type() == PortDataType.kAbstractValued:
+        name = system.get_name()
+        raise ParapodError(f"'{name}' has no laws over rows: the port '{port.get_name()}'")
 
 
 def _numbers(rows: Sequence[Sequence[float]]) -> list[Number]:

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues
 
 from parapod.systems.arm.serial_arm import SerialArm
-from parapod.systems.core.elementwise import sumprod
+from parapod.systems.core.elementwise import all_finite, sumprod
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import read, read_or_zeros
@@ -81,6 +81,6 @@ class ExternalLoad(LeafSystem):
         force, moment = plus(force, hung), plus(moment, cross(tip, hung))
         wrench = [*moment, *force]
         applied = [*axes.in_world(moment), *axes.in_world(force), *efforts]
-        if np.isfinite([*wrench, *applied]).all():
+        if all_finite([*wrench, *applied]):
             discrete_state.set_value(_WRENCH, np.array(wrench))
             discrete_state.set_value(_APPLIED, np.array(applied))

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 from scipy.optimize import root  # type: ignore[import-untyped]
 
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.quoting import quoted
@@ -264,7 +265,7 @@ class InputShaper(LeafSystem):
         state = context.get_discrete_state_vector().value()
         command = read_array(self._command, context)
         has_begun, samples = state[-1], state[:-2].reshape(self._shape)
-        if np.isfinite(command).all():
+        if all_finite(command):
             newest = command
         elif has_begun:
             newest = samples[0]

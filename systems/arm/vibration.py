@@ -30,6 +30,7 @@ from scipy.linalg import expm  # type: ignore[import-untyped]
 
 from parapod.systems.arm.flexible_rod import FlexibleRod
 from parapod.systems.arm.serial_arm import SerialArm, rotated
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import elements, is_on, read, read_or_zeros
@@ -247,7 +248,7 @@ class VibrationFeedforward(LeafSystem):
         state = context.get_discrete_state_vector().value()
         count = self._arm.count
         has_begun, command = state[3 * count] > 0.5, read(self._command, context)
-        if not np.isfinite(command).all():
+        if not all_finite(command):
             if not has_begun:
                 return
             command = state[:count].tolist()

@@ -135,6 +135,14 @@ def is_finite(x: Elementwise) -> Any:
     return x.isfinite() if type(x) is Rows else math.isfinite(x)
 
 
+def all_finite(numbers: Any) -> bool:
+    """Whether all numbers of an array, or of a sequence, are finite; rows that differ part."""
+    array = np.asarray(numbers)
+    if array.dtype == object:
+        return all(map(is_finite, array.ravel().tolist()))
+    return bool(np.isfinite(array).all())
+
+
 def where(condition: Any, x: Elementwise, y: Elementwise) -> Elementwise:
     """The number x where a condition holds, else y, of floats or rows.
 

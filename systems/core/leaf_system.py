@@ -8,14 +8,14 @@ nothing else changes.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems import framework
-from pydrake.systems.framework import System
+from pydrake.systems.framework import Context, System
 
 from parapod.systems.core.rows import Index, Number, Rows, array_of, numbers_of, taken
 
@@ -64,6 +64,7 @@ class Laws:
         initial: updates at an initialization.
         refusals: declarations that rows cannot have.
         needs_contexts: true if its laws need a context of Drake's for each row.
+        memory: class of the memory in which it keeps rows itself; None: they are numbers.
     """
 
     outputs: list[Output] = field(default_factory=list)
@@ -72,6 +73,7 @@ class Laws:
     initial: list[Law] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     needs_contexts: bool = False
+    memory: "type[RowsMemory] | None" = None
 
 
 def laws_of(system: System) -> Laws | None:
@@ -109,15 +111,17 @@ class _Declared:
         self, name: str, model_value: Any, calc: Any, prerequisites_of_calc: Any = None
     ) -> Any:
         system: Any = super()
+        tickets = self._note_output(calc, prerequisites_of_calc)
+        return system.DeclareVectorOutputPort(name, model_value, calc, tickets)
+
+    def _note_output(self, calc: Any, prerequisites_of_calc: Any) -> Any:
+        """Writes an output down; returns what it depends on."""
+        own: Any = self
         if prerequisites_of_calc is None:
-            own: Any = self
-            port = system.DeclareVectorOutputPort(name, model_value, calc)
-            tickets = _tickets([own.all_sources_ticket()])
-        else:
-            port = system.DeclareVectorOutputPort(name, model_value, calc, prerequisites_of_calc)
-            tickets = _tickets(prerequisites_of_calc)
-        self._written().outputs.append(Output(_unbound(self, calc), tickets))
-        return port
+            prerequisites_of_calc = {own.all_sources_ticket()}
+        output = Output(_unbound(self, calc), _tickets(prerequisites_of_calc))
+        self._written().outputs.append(output)
+        return prerequisites_of_calc
 
     def DeclareStateOutputPort(self, name: str, state_index: Any) -> Any:
         system: Any = super()
@@ -125,19 +129,12 @@ class _Declared:
         self._written().outputs.append(Output(None, group=int(state_index)))
         return port
 
-    def DeclareAbstractInputPort(self, name: str, model_value: Any) -> Any:
+    def DeclareAbstractOutputPort(
+        self, name: str, alloc: Any, calc: Any, prerequisites_of_calc: Any = None
+    ) -> Any:
         system: Any = super()
-        port = system.DeclareAbstractInputPort(name, model_value)
-        self._written().refusals.append(f"the abstract input '{name}'")
-        return port
-
-    def DeclareAbstractOutputPort(self, name: str, *arguments: Any, **keywords: Any) -> Any:
-        system: Any = super()
-        port = system.DeclareAbstractOutputPort(name, *arguments, **keywords)
-        laws = self._written()
-        laws.outputs.append(Output(None))
-        laws.refusals.append(f"the abstract output '{name}'")
-        return port
+        tickets = self._note_output(calc, prerequisites_of_calc)
+        return system.DeclareAbstractOutputPort(name, alloc, calc, tickets)
 
     def DeclarePeriodicDiscreteUpdateEvent(
         self, period_sec: float, offset_sec: float, update: Any
@@ -158,6 +155,10 @@ class _Declared:
         system.DeclarePeriodicUnrestrictedUpdateEvent(period_sec, offset_sec, update)
         self._written().refusals.append("an unrestricted update")
 
+    def declare_memory(self, memory: "type[RowsMemory]") -> None:
+        """Has a memory of the system's own keep its rows."""
+        self._written().memory = memory
+
     def declare_cache_law(self, index: int, calc: Any, prerequisites_of_calc: Any) -> None:
         """Notes a cache entry; for `declare_cached`."""
         tickets = _tickets(prerequisites_of_calc)
@@ -166,6 +167,50 @@ class _Declared:
 
 class LeafSystem(_Declared, framework.LeafSystem):  # type: ignore[misc]
     """pydrake's LeafSystem, with its declarations written down, see the module."""
+
+
+class RowsMemory(ABC):
+    """Rows of a system that something else than numbers in Python keeps and calculates.
+
+    Such as an engine that steps many machines in threads of its own. A class of this kind stands
+    in for all of the system's laws; it is made empty, and `add` then gives it row by row.
+    """
+
+    @abstractmethod
+    def add(self, system: Any, context: Context) -> None:
+        """Takes the beginning of a further row from a system and its context."""
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Is called once all rows have been added."""
+
+    @abstractmethod
+    def output(self, index: int) -> Any:
+        """What all rows have at an output: a list of numbers, or `OfRows`."""
+
+    @abstractmethod
+    def update(self, context: "RowsContext") -> Callable[[], Mapping[int, Exception]]:
+        """Reads what the system's periodic update reads.
+
+        Returns:
+            The update. It gives the errors of rows that fail, by their positions.
+        """
+
+    @abstractmethod
+    def keep(self, positions: NDArray[np.intp]) -> None:
+        """Goes on with the rows at these positions alone."""
+
+    @abstractmethod
+    def state(self, position: int) -> list[list[float]]:
+        """Groups of a row's discrete state."""
+
+
+class OfRows(ABC):
+    """Objects of rows, where a port has no numbers."""
+
+    @abstractmethod
+    def taken(self, index: Index | int) -> Any:
+        """Those of some rows, or that of one; see `RowsContext`."""
 
 
 class _LeafSystems:
@@ -319,6 +364,10 @@ class RowsContext:
         """Numbers at an input port; None if nothing is connected to it."""
         numbers = self.leaf.input(index)
         return None if numbers is None else self.taken(numbers)
+
+    def object(self, index: int) -> Any:
+        """The object at an input port without numbers, which must be connected."""
+        return self.leaf.input(index).taken(self.index)
 
     def output(self, index: int) -> list[Number]:
         """Numbers at an output port of the system."""

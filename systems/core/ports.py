@@ -78,6 +78,13 @@ def read_vector(port: InputPort, context: Context | RowsContext) -> Any:
     return port.EvalBasicVector(context)
 
 
+def read_object(port: InputPort, context: Context | RowsContext) -> Any:
+    """The object at an abstract input port, or that of rows."""
+    if type(context) is RowsContext:
+        return context.object(int(port.get_index()))
+    return port.Eval(context)
+
+
 def read_batch(port: InputPort, context: Context | RowsContext) -> NDArray[np.float64]:
     """The vector at an input port, copied: (size), or that of each row (rows, size)."""
     if type(context) is RowsContext:

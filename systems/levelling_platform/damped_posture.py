@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.arm.vibration import LumpedRod
-from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.elementwise import all_finite, clamp
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read, read_or_zeros
 from parapod.systems.core.triples import cross, plus
@@ -72,7 +72,7 @@ class DampedPosture(LeafSystem):
         posture = read(self._desired, context)
         displacement = read(self._displacement, context)
         position = read(self._position, context)
-        if any(displacement) and np.isfinite(displacement + position + posture).all():
+        if any(displacement) and all_finite(displacement + position + posture):
             added = self._inclination(displacement, position, posture[2])
             share = self._share(context, posture, added)
             posture[0] += share * added[0]

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -106,6 +107,6 @@ class EasedLegs(LeafSystem):
         elif not is_led:
             request = read(self._request, context)[:LEG_COUNT]
             offset = np.array(read(self._measured, context)) - request
-            if np.isfinite(offset).all():
+            if all_finite(offset):
                 state = [*offset.tolist(), context.get_time(), 1.0]
         discrete_state.set_value(np.array(state))

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import is_on, read_array, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
@@ -72,7 +73,7 @@ class GroundEstimator(LeafSystem):
             attitude = read_array(self._attitude, context)
             ground = estimate_ground(self._geometry, extension, attitude)
             has_settled = read_or_zeros(self._error, context)[0] <= self._settled
-            if not (has_settled and np.isfinite(ground).all()):
+            if not (has_settled and all_finite(ground)):
                 discrete_state.set_value(1, np.zeros(1))
                 return
             discrete_state.set_value(0, ground)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.elementwise import all_finite, clamp
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_on, read
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
@@ -91,7 +91,7 @@ class LegRamp(LeafSystem):
                 faster = rate + clamp(goal - rate, -self._step, self._step)
                 state[i] += 0.5 * self._period * (rate + faster)
                 state[LEG_COUNT + i] = faster
-        state[_STARTED] = float(np.isfinite(state[_EXTENSION]).all())
+        state[_STARTED] = float(all_finite(state[_EXTENSION]))
         discrete_state.set_value(np.array(state))
 
 

@@ -51,6 +51,7 @@ from parapod.systems.levelling_platform.leg import (
 from parapod.systems.levelling_platform.plane import normal_of
 from parapod.systems.levelling_platform.statics import resting_posture
 from parapod.systems.physics.loops import Ball, Coupling
+from parapod.systems.physics.poses import Gaps, poses_at
 
 WHEEL_COUNT = 4
 
@@ -388,8 +389,8 @@ class FootTruth(OnInclinedGround):
         super().__init__(ground, foot_offsets)
         self.set_name("foot_truth")
         self._radius = model.geometry.foot_radius
-        self._rollers = [body.index() for body in model.leg_bodies("roller")]
-        self._loops = [(a.body.index(), a.other.index(), a.other_point) for a in model.balls]
+        self._rollers = [int(body.index()) for body in model.leg_bodies("roller")]
+        self._gaps = Gaps(model.balls) if model.balls else None
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
         self._rising = self.DeclareVectorInputPort("rising", 2 * LEG_COUNT)
@@ -415,9 +416,9 @@ class FootTruth(OnInclinedGround):
         output.SetFromVector(np.array(force))
 
     def _calc_height(self, context: Context, output: BasicVector) -> None:
-        poses: Any = self._poses.Eval(context)
+        poses = poses_at(self._poses, context)
         n = normal_of(*self._ground_of(context))
-        centres = [poses[i].translation().tolist() for i in self._rollers]
+        centres = [poses.origin(roller) for roller in self._rollers]
         offsets, rising = self._offsets_of(context), read_or_zeros(self._rising, context)
         heights = [
             dot(n, centre) - self._radius - offset - risen
@@ -426,18 +427,10 @@ class FootTruth(OnInclinedGround):
         output.SetFromVector(np.array(heights))
 
     def _calc_loop_error(self, context: Context, output: BasicVector) -> None:
-        if not self._loops:
+        if self._gaps is None:
             output.SetFromVector(np.zeros(LEG_COUNT))
-            return
-        poses: Any = self._poses.Eval(context)
-        output.SetFromVector(
-            np.array(
-                [
-                    float(np.linalg.norm(poses[rod].translation() - poses[coupler] @ p_MK))
-                    for rod, coupler, p_MK in self._loops
-                ]
-            )
-        )
+        else:
+            output.SetFromVector(np.array(self._gaps.of(poses_at(self._poses, context))))
 
 
 class PlatformPose(LeafSystem):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.background import Background
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import (
     elements,
@@ -193,7 +194,7 @@ class TipFeedforward(LeafSystem):
             question = read(self._command, context) + read(self._ground, context)
             question += read_or_zeros(self._offsets, context)
             answered = elements(context.get_discrete_state(self._answered))
-            if not np.isfinite(question).all() or question == answered:
+            if not all_finite(question) or question == answered:
                 return
             due = now + self._delay
             state.set_value(self._question, np.array(question))
@@ -355,7 +356,7 @@ class TipLoop(LeafSystem):
         posture = read_array(self._posture, context)
         joints = read_array(self._ports["arm_position"], context)
         (payload,) = read_or_zeros(self._ports["payload"], context)
-        if not (np.isfinite([*posture, *joints]).all() and abs(payload) < _HEAVIEST):
+        if not (all_finite([*posture, *joints]) and abs(payload) < _HEAVIEST):
             output.SetFromVector(np.full(3, math.nan))
             return
         output.SetFromVector(self._standing(context).tip_position(posture, joints))
@@ -372,7 +373,7 @@ class TipLoop(LeafSystem):
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         posture = read_array(self._posture, context).tolist()
-        is_known = is_on(self._enable, context) and np.isfinite(posture).all()
+        is_known = is_on(self._enable, context) and all_finite(posture)
         if not is_known:
             output.SetFromVector(_NOWHERE)
             return
@@ -399,7 +400,7 @@ class TipLoop(LeafSystem):
             return
         goal = read_array(self._ports["tip_goal"], context)
         missed: NDArray[np.float64] = goal - read_array(self._estimated, context)
-        if not self._is_at_rest(context) or not np.isfinite(missed).all():
+        if not self._is_at_rest(context) or not all_finite(missed):
             state.set_value(self._arrived, np.zeros(1))
             state.set_value(self._since, np.array([math.inf]))
             return
@@ -454,7 +455,7 @@ class TipLoop(LeafSystem):
             carried.foot_offsets,
             on_unreachable="nan",
         )
-        return moved if np.isfinite(reached).all() else correction
+        return moved if all_finite(reached) else correction
 
 
 def _on(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
@@ -148,7 +149,7 @@ class PostureReference(LeafSystem):
         elif started and _planned_for(state) == (*command, *ground):
             return
         plan = elements(state)
-        if not np.isfinite(command + ground).all():
+        if not all_finite(command + ground):
             return
         now = context.get_time()
         if started:
@@ -156,7 +157,7 @@ class PostureReference(LeafSystem):
             start = (motion[:3], motion[3:], _acceleration(plan, now))
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
-        if np.isfinite(start).all():
+        if all_finite(start):
             standing = _Standing(np.array(ground), np.array(read_or_zeros(self._offsets, context)))
             discrete_state.set_value(self._plan(now, start, np.array(command), standing))
 
@@ -186,7 +187,7 @@ class PostureReference(LeafSystem):
         plan = state.tolist()
         path = [_position(plan, plan[_START] + share * plan[_DURATION]) for share in _CHECKS]
         extension = inverse_kinematics(self._geometry, path, *standing, on_unreachable="nan")
-        return bool(np.isfinite(extension).all())
+        return all_finite(extension)
 
     def _reachable(
         self,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
+from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
@@ -106,7 +107,7 @@ class PostureScript(LeafSystem):
     def _begin_or_end(self, context: Context, discrete_state: Any, enabled: bool) -> None:
         """Begins the script once the ground is known; ends it at the level posture."""
         ground = read_array(self._ground, context)
-        if enabled and not np.isfinite(ground).all():
+        if enabled and not all_finite(ground):
             return
         offsets = read_or_zeros(self._offsets, context)
         scale = self._fit(ground, offsets) if enabled else 0.0

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
     DiscreteValues,
 )
 
-from parapod.systems.core.elementwise import Elementwise, copysign, is_finite, where
+from parapod.systems.core.elementwise import Elementwise, all_finite, copysign, is_finite, where
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import STANDARD_GRAVITY
 from parapod.systems.core.ports import elements, has_value, read, read_or_zeros
@@ -246,7 +246,7 @@ class Imu(LeafSystem):
             ValueError: a bias is not finite.
         """
         bias = np.concatenate((np.broadcast_to(gyro, 3), np.broadcast_to(accel, 3)))
-        if not np.isfinite(bias).all():
+        if not all_finite(bias):
             raise ValueError(f"turn-on biases must be finite, not {bias.tolist()}")
         context.get_mutable_numeric_parameter(self._turn_on_bias).SetFromVector(bias)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import (
     ModelInstanceIndex,
@@ -27,6 +27,7 @@ from pydrake.systems.framework import BasicVector, Context
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read_array
 from parapod.systems.physics.loops import Ball
+from parapod.systems.physics.poses import Gaps, poses_at
 from parapod.systems.walking_chair.geometry import (
     BRANCHES,
     LEG_COUNT,
@@ -234,10 +235,10 @@ class ChairTruth(LeafSystem):
     def __init__(self, model: ChairModel):
         super().__init__()
         self.set_name("chair_truth")
-        self._body = model.body.index()
-        self._feet = [foot.index() for foot in model.feet]
-        self._balls = [(a.body.index(), a.other.index(), a.other_point) for a in model.balls]
-        self._corners = model.geometry.leg.corners
+        self._body = int(model.body.index())
+        self._feet = [int(foot.index()) for foot in model.feet]
+        self._gaps = Gaps(model.balls)
+        self._corners = model.geometry.leg.corners.tolist()
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
         self._shown = declare_cached(self, "shown", self._calc_shown, {self._poses.ticket()})
@@ -256,16 +257,12 @@ class ChairTruth(LeafSystem):
         return part
 
     def _calc_shown(self, context: Context) -> tuple[NDArray[np.float64], ...]:
-        poses: Any = self._poses.Eval(context)
-        body = poses[self._body]
-        feet = [poses[foot] for foot in self._feet]
-        heights = [(foot @ self._corners.T)[2] for foot in feet]
-        gaps = [poses[rod].translation() - poses[foot] @ place for rod, foot, place in self._balls]
+        poses = poses_at(self._poses, context)
         return (
-            body.translation(),
-            RollPitchYaw(body.rotation()).vector(),
-            np.concatenate(heights),
-            np.linalg.norm(gaps, axis=1),
+            np.array([*poses.origin(self._body)]),
+            np.array([*poses.axes(self._body).roll_pitch_yaw()]),
+            np.array([poses.point(i, at)[2] for i in self._feet for at in self._corners]),
+            np.array(self._gaps.of(poses)),
         )
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:

@@ -13,28 +13,31 @@ from parapod.sims.lab.discovery import find_experiment, list_entries
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.systems.core.schema import build, plain
 
-UNTIL = 1.2  # [s]
+UNTIL = {"kinematic": 1.2, "mujoco": 0.3}  # [s]
 ROWS = 3
 # Rounding of matrix products, which Drake's C++ and NumPy may sum in another order.
 RELATIVE = 1e-12
 
 
-def kinematic_loops():
-    """Names of experiments whose machine has a kinematic plant and a closed loop."""
+def loops():
+    """Experiments with a closed loop, and the plants that their machine has over rows."""
     for entry in list_entries():
         experiment = entry.load()
-        if isinstance(experiment, LoopExperiment) and "kinematic" in experiment.machine.plants:
-            yield entry.name
+        if isinstance(experiment, LoopExperiment):
+            for backend in UNTIL.keys() & experiment.machine.plants:
+                yield entry.name, backend
 
 
 @cache
-def loop_of(name):
+def loop_of(name, backend="kinematic"):
+    if backend == "mujoco":
+        pytest.importorskip("mujoco")
     scenario = parapod.scenario(name)
-    if "kinematic" in find_experiment(name).backends:
-        scenario.backend = "kinematic"
+    if backend in find_experiment(name).backends:
+        scenario.backend = backend
     loop = parapod.closed_loop(scenario)
-    if loop.scenario.backend != "kinematic":
-        pytest.skip(f"{name} has no kinematic loop")
+    if loop.scenario.backend != backend:
+        pytest.skip(f"{name} has no {backend} loop")
     return loop
 
 
@@ -67,19 +70,19 @@ def drake_run(loop, scenario):
     if loop.monitor is not None:
         simulator.set_monitor(loop.monitor)
     simulator.Initialize()
-    simulator.AdvanceTo(UNTIL)
+    simulator.AdvanceTo(UNTIL[scenario.backend])
     return loop.recording(simulator.get_context())
 
 
 def rows_of(loop, scenarios):
     rows = LoopRows(loop, scenarios)
-    rows.advance_to(UNTIL)
+    rows.advance_to(UNTIL[loop.scenario.backend])
     return rows
 
 
-@pytest.mark.parametrize("name", list(kinematic_loops()))
-def test_every_row_is_the_run_of_drake(name):
-    loop = loop_of(name)
+@pytest.mark.parametrize(("name", "backend"), sorted(loops()))
+def test_every_row_is_the_run_of_drake(name, backend):
+    loop = loop_of(name, backend)
     scenarios = [varied(loop, row) for row in range(ROWS)]
     rows = rows_of(loop, scenarios)
     assert not rows.errors
@@ -95,9 +98,15 @@ def test_every_row_is_the_run_of_drake(name):
             )
 
 
-@pytest.mark.parametrize("name", ["level", "chair-walk", "centre-walk", "bench-walk"])
-def test_a_row_depends_neither_on_others_nor_on_their_order(name):
-    loop = loop_of(name)
+@pytest.mark.parametrize(
+    ("name", "backend"),
+    [
+        *((name, "kinematic") for name in ("level", "chair-walk", "centre-walk", "bench-walk")),
+        ("level", "mujoco"),
+    ],
+)
+def test_a_row_depends_neither_on_others_nor_on_their_order(name, backend):
+    loop = loop_of(name, backend)
     scenarios = [varied(loop, row) for row in range(ROWS)]
     together = rows_of(loop, scenarios)
     for order in ([2], [1, 0], [2, 0, 1, 0]):

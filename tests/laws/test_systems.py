@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, PortDataType
 
 from parapod.diagrams.rows import RowsSimulator
 from parapod.systems.core.errors import ParapodError
@@ -351,7 +351,10 @@ def test_rows_of_a_system_are_its_runs(specimen):
             continue
         simulator.AdvanceTo(until)
         for name in specimen.outputs:
-            expected = system.GetOutputPort(name).Eval(system.GetMyContextFromRoot(context))
+            port = system.GetOutputPort(name)
+            if port.get_data_type() == PortDataType.kAbstractValued:
+                continue
+            expected = port.Eval(system.GetMyContextFromRoot(context))
             np.testing.assert_allclose(
                 rows.value(system, name, row), expected, rtol=1e-12, atol=1e-15, err_msg=name
             )

@@ -109,7 +109,7 @@ def _weigh(mujoco: ModuleType, spec: Any, model: Any) -> None:
 def _stand(mujoco: ModuleType, spec: Any, model: Any, tree: Description) -> None:
     """Adds the key frame in which the machine stands, its drives where they are."""
     q, v = (of(tree.context) for of in (tree.plant.GetPositions, tree.plant.GetVelocities))
-    qpos, qvel = StateMaps(mujoco, model, tree.plant).to_mujoco(q, v)
+    qpos, qvel = StateMaps(model, tree.plant).to_mujoco(q, v)
     joints = (model.joint(servo.target) for servo in spec.actuators)
     control = [
         qpos[joint.qposadr[0]] if servo.biasprm[1] else 0.0

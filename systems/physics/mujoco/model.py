@@ -25,6 +25,8 @@ from parapod.systems.physics.mujoco.translation import (
     weld_of,
 )
 
+# Sum of forces that none means, and that MuJoCo refuses [N, N m].
+_LARGEST = 1e10
 _LOG = logging.getLogger(__name__)
 
 
@@ -37,6 +39,8 @@ class MujocoModel:
         plant: the plant that was translated.
         feet: bodies whose contact forces `model`'s sensors measure, in their order.
         loads: bodies whose inertia and place the model takes from `set_loads`.
+        maps: maps between the states of both.
+        bodies: indices of the plant's bodies in the model, in their order.
     """
 
     def __init__(
@@ -82,12 +86,12 @@ class MujocoModel:
         translation.add_sensors(scene_graph, self.feet)
         self.model: Any = translation.spec.compile()
         self.data: Any = self._mujoco.MjData(self.model)
-        self._maps = StateMaps(self._mujoco, self.model, plant)
-        self._poses = [self.model.body(body_name(b)).id for b in bodies_of(plant)]
+        self.maps = StateMaps(self.model, plant)
+        self.bodies = [int(self.model.body(body_name(b)).id) for b in bodies_of(plant)]
         self._anchored = {
-            index: self.model.body_mocapid[self._poses[index]]
+            index: self.model.body_mocapid[self.bodies[index]]
             for index in range(plant.num_bodies())
-            if self.model.body_mocapid[self._poses[index]] >= 0
+            if self.model.body_mocapid[self.bodies[index]] >= 0
         }
         self._load_ids = [self.model.body(body_name(body)).id for body in self.loads]
         self._set: NDArray[np.float64] | None = None
@@ -122,7 +126,7 @@ class MujocoModel:
         self._mujoco.mj_resetData(self.model, self.data)
         q = self.plant.GetPositions(plant_context)
         v = self.plant.GetVelocities(plant_context)
-        self.data.qpos[:], self.data.qvel[:] = self._maps.to_mujoco(q, v)
+        self.data.qpos[:], self.data.qvel[:] = self.maps.to_mujoco(q, v)
         for index, mocap in self._anchored.items():
             body = self.plant.get_body(BodyIndex(index))
             X_WB = self.plant.EvalBodyPoseInWorld(plant_context, body)
@@ -130,14 +134,19 @@ class MujocoModel:
             self.data.mocap_quat[mocap] = X_WB.rotation().ToQuaternion().wxyz()
         return self.read_state()
 
-    def apply(self, force: NDArray[np.float64]) -> None:
-        """Has a generalized force act in the next step of what is in the scratch memory.
+    def applied(
+        self, qpos: NDArray[np.float64], force: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Generalized force that acts in MuJoCo's next step.
 
         Args:
-            force: along the plant's velocities [N m, N].
+            qpos: (..., q) MuJoCo's positions.
+            force: (..., v) along the plant's velocities [N m, N]; one that is not finite, or
+                absurd, is none.
         """
+        is_force = np.abs(force).sum(axis=-1, keepdims=True) < _LARGEST
         # Forces turn as the velocities do along which they act.
-        self.data.qfrc_applied[:] = self._maps.along_velocities(self.data.qpos, force)
+        return self.maps.along_velocities(qpos, np.where(is_force, force, 0.0))
 
     def step(self) -> None:
         """Steps what is in the scratch memory."""
@@ -147,14 +156,14 @@ class MujocoModel:
         """State of the plant, positions and velocities, in a state of MuJoCo."""
         # Which begins with the time, positions and velocities.
         end = 1 + self.model.nq
-        return self._maps.to_plant(state[1:end], state[end : end + self.model.nv])
+        return self.maps.to_plant(state[1:end], state[end : end + self.model.nv])
 
     def poses(self) -> list[RigidTransform]:
         """Poses of the plant's bodies in the world, by their indices."""
         self._mujoco.mj_kinematics(self.model, self.data)
         places, turns = self.data.xpos, self.data.xmat
         return [
-            RigidTransform(RotationMatrix(turns[i].reshape(3, 3)), places[i]) for i in self._poses
+            RigidTransform(RotationMatrix(turns[i].reshape(3, 3)), places[i]) for i in self.bodies
         ]
 
     def loads_of(self, plant_context: Context) -> NDArray[np.float64]:
@@ -195,21 +204,16 @@ class MujocoModel:
 _LOAD = 17  # mass, centre of mass (3), inertia about it (6), position (3) and quaternion (4)
 
 
-# Factors of a quaternion that turn it back.
-_BACK = np.array([1.0, -1.0, -1.0, -1.0])
-
-
 class StateMaps:
     """Positions and velocities of plant and MuJoCo, which order them differently.
 
     A floating body has its quaternion first in Drake and its position first in MuJoCo; its angular
-    velocity is along the world's axes there and along its own here.
+    velocity is along the world's axes there and along its own here. All arrays may have rows.
     """
 
-    def __init__(self, mujoco: Any, model: Any, plant: MultibodyPlant):
+    def __init__(self, model: Any, plant: MultibodyPlant):
         self._positions = np.zeros(plant.num_positions(), dtype=int)
         self._velocities = np.zeros(plant.num_velocities(), dtype=int)
-        self._mujoco = mujoco
         self._floating: list[tuple[int, int]] = []  # where quaternion and angular velocity begin
         for joint in joints_of(plant):
             if joint.num_velocities() == 0:
@@ -229,11 +233,10 @@ class StateMaps:
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """State of the plant for MuJoCo's positions and velocities."""
-        state = np.concatenate((qpos[self._positions], qvel[self._velocities]))
+        state = np.concatenate((qpos[..., self._positions], qvel[..., self._velocities]), axis=-1)
         for start, rate in self._floating:
             w = slice(self._size + rate, self._size + rate + 3)
-            self._mujoco.mju_rotVecQuat(rotated := np.empty(3), state[w], state[start : start + 4])
-            state[w] = rotated
+            state[..., w] = _turned(state[..., w], state[..., start : start + 4])
         return state
 
     def to_mujoco(
@@ -241,7 +244,7 @@ class StateMaps:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """MuJoCo's positions and velocities for those of the plant."""
         qpos = np.empty_like(q)
-        qpos[self._positions] = q
+        qpos[..., self._positions] = q
         return qpos, self.along_velocities(qpos, v)
 
     def along_velocities(
@@ -249,10 +252,21 @@ class StateMaps:
     ) -> NDArray[np.float64]:
         """Velocities or forces along those of the plant, in MuJoCo's order and axes."""
         reordered = np.empty_like(numbers)
-        reordered[self._velocities] = numbers
+        reordered[..., self._velocities] = numbers
         for start, rate in self._floating:
-            back = qpos[self._positions[start : start + 4]] * _BACK
-            w = numbers[rate : rate + 3]
-            self._mujoco.mju_rotVecQuat(rotated := np.empty(3), w, back)
-            reordered[self._velocities[rate : rate + 3]] = rotated
+            quaternion = qpos[..., self._positions[start : start + 4]]
+            back = _turned(numbers[..., rate : rate + 3], quaternion * _BACK)
+            reordered[..., self._velocities[rate : rate + 3]] = back
         return reordered
+
+
+# Factors of a quaternion that turn it back.
+_BACK = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _turned(vector: NDArray[np.float64], quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (..., 3) turned by unit quaternions (..., 4), to the last bit as MuJoCo does."""
+    (a, b, c), (w, x, y, z) = vector.T, quaternion.T
+    p, q, r = w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a
+    turned = a + 2 * (y * r - z * q), b + 2 * (z * p - x * r), c + 2 * (x * q - y * p)
+    return np.stack(turned, axis=-1)

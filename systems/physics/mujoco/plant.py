@@ -11,13 +11,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import has_value, read_array
+from parapod.systems.core.leaf_system import LeafSystem, RowsContext
+from parapod.systems.core.ports import has_value, read_batch
+from parapod.systems.physics.mujoco.batch import MujocoRows
+from parapod.systems.physics.mujoco.drives import Drives
 from parapod.systems.physics.mujoco.model import MujocoModel
-
-# Force of a drive with its joint at zero that no command means, and that MuJoCo refuses [N, N m].
-_LARGEST = 1e10
-
 
 _PHYSICS, _FORCES = 0, 1  # groups of the discrete state
 
@@ -65,8 +63,8 @@ class MujocoPlant(LeafSystem):
         super().__init__()
         self.set_name("mujoco_plant")
         self.model = model
-        self._drives = _Drives(model, groups)
-        count = self._drives.count
+        self.drives = Drives.of(model, groups)
+        count = self.drives.count
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * count)
         size = model.plant.num_velocities()
         self._applied = self.DeclareVectorInputPort("applied_force", size)
@@ -89,6 +87,7 @@ class MujocoPlant(LeafSystem):
             tickets = moves | {self.all_parameters_ticket()}
             self.DeclareAbstractOutputPort(name, kind, show, tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(plant.time_step(), 0.0, self._update_state)
+        self.declare_memory(MujocoRows)
 
     def put(self, context: Context, plant_context: Context) -> None:
         """Begins where a context of the translated plant is.
@@ -115,33 +114,44 @@ class MujocoPlant(LeafSystem):
         loads = self.model.loads_of(plant_context)
         self.model.set_loads(loads)
         physics = self.model.begin(plant_context)
-        return loads, physics, self._step(self._drives.hold(physics))
+        return loads, physics, self._step(self.drives.hold(self.model.data.qpos))
 
     def _step(self, control: NDArray[np.float64]) -> NDArray[np.float64]:
         """Steps what is in the scratch memory; returns the forces (k + f) during the step."""
         data = self.model.data
-        data.ctrl[self._drives.order] = control
+        data.ctrl[self.drives.order] = control
         self.model.step()
-        holding = self._drives.holding_force(control, data.qpos, data.qvel)
+        holding = self.drives.holding_force(control, data.qpos, data.qvel)
         return np.concatenate((holding, data.sensordata))
 
-    def _restore(self, context: Context) -> NDArray[np.float64]:
-        """Puts the scratch memory where a context is; returns MuJoCo's state."""
-        loads: Any = context.get_numeric_parameter(self._loads)
-        physics: NDArray[np.float64] = context.get_discrete_state(_PHYSICS).value()
-        self.model.set_loads(loads.value())
-        self.model.write_state(physics)
-        return physics
+    def loads_in(self, context: Any) -> NDArray[np.float64]:
+        """The loads in a context of this system, as `MujocoModel.set_loads` takes them."""
+        loads: NDArray[np.float64] = context.get_numeric_parameter(self._loads).value()
+        return loads
+
+    def _restore(self, context: Context) -> None:
+        """Puts the scratch memory where a context is."""
+        self.model.set_loads(self.loads_in(context))
+        self.model.write_state(context.get_discrete_state(_PHYSICS).value())
+
+    def commands_in(
+        self, context: Context | RowsContext
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Numbers (..., n) at the inputs: `desired_state`; `applied_force` if it is connected."""
+        is_applied = has_value(self._applied, context)
+        return (
+            read_batch(self._desired, context),
+            read_batch(self._applied, context) if is_applied else None,
+        )
 
     def _update_state(self, context: Context, discrete_state: DiscreteValues) -> None:
-        physics = self._restore(context)
-        control = self._drives.control(read_array(self._desired, context), physics)
-        self.model.data.qfrc_applied[:] = 0.0
-        if has_value(self._applied, context):
-            applied = read_array(self._applied, context)
-            if sum(map(abs, applied.tolist())) < _LARGEST:
-                self.model.apply(applied)
-        forces = self._step(control)
+        self._restore(context)
+        data = self.model.data
+        desired, applied = self.commands_in(context)
+        data.qfrc_applied[:] = 0.0
+        if applied is not None:
+            data.qfrc_applied[:] = self.model.applied(data.qpos, applied)
+        forces = self._step(self.drives.control(desired, data.qpos))
         discrete_state.set_value(_PHYSICS, self.model.read_state())
         discrete_state.set_value(_FORCES, forces)
 
@@ -164,76 +174,8 @@ class MujocoPlant(LeafSystem):
 
     def _calc_holding_force(self, context: Context, output: BasicVector) -> None:
         forces = context.get_discrete_state(_FORCES).value()
-        output.SetFromVector(forces[: self._drives.count])
+        output.SetFromVector(forces[: self.drives.count])
 
     def _calc_contact_force(self, context: Context, output: BasicVector) -> None:
         forces = context.get_discrete_state(_FORCES).value()
-        output.SetFromVector(forces[self._drives.count :])
-
-
-class _Drives:
-    """Springs and dampers between where drives are and where they are led.
-
-    Attributes:
-        count: number k of the drives.
-        order: their indices among MuJoCo's, in the order of the port.
-    """
-
-    def __init__(self, model: MujocoModel, groups: Sequence[Sequence[ModelInstanceIndex]]):
-        plant = model.plant
-        drives = [
-            [
-                plant.get_joint_actuator(i)
-                for instance in group
-                for i in plant.GetJointActuatorIndices(instance)
-            ]
-            for group in groups
-        ]
-        self.order = np.array([int(drive.index()) for group in drives for drive in group], int)
-        self.count = len(self.order)
-        flat = [drive for group in drives for drive in group]
-        joints = [model.index_of(drive.joint()) for drive in flat]
-        indices = np.array(joints, dtype=int).reshape(-1, 2)
-        self._positions, self._rates = indices.T
-        self._stiffness = np.array([drive.get_controller_gains().p for drive in flat])
-        self._damping = np.array([drive.get_controller_gains().d for drive in flat])
-        # (k, 2k): the control for what the port has.
-        self._gains = np.zeros((self.count, 2 * self.count))
-        first = 0
-        for size in map(len, drives):
-            rows = np.arange(first, first + size)
-            self._gains[rows, first + rows] = self._stiffness[rows]
-            self._gains[rows, first + rows + size] = self._damping[rows]
-            first += size
-
-    def control(
-        self, desired: NDArray[np.float64], physics: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Control (k) for what the port has (2k); drives without a command stay."""
-        with np.errstate(all="ignore"):
-            control: NDArray[np.float64] = self._gains @ desired
-            if np.abs(control).max(initial=0.0) < _LARGEST:
-                return control
-            # Row by row, as what is not finite is so in all rows of the product.
-            own = np.where(self._gains != 0.0, self._gains * desired, 0.0).sum(axis=1)
-            return np.where(np.abs(own) < _LARGEST, own, self.hold(physics))
-
-    def hold(self, physics: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Control (k) that leads the drives to where they are in a state of MuJoCo."""
-        at: NDArray[np.float64] = physics[1 + self._positions]  # the time comes first
-        return self._stiffness * at
-
-    def holding_force(
-        self,
-        control: NDArray[np.float64],
-        qpos: NDArray[np.float64],
-        qvel: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Forces (k) during the step that led to these positions and velocities.
-
-        MuJoCo returns forces as they were before the step, which is not what acted.
-        """
-        forces: NDArray[np.float64] = (
-            control - self._stiffness * qpos[self._positions] - self._damping * qvel[self._rates]
-        )
-        return forces
+        output.SetFromVector(forces[self.drives.count :])

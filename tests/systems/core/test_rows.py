@@ -6,6 +6,7 @@ import pytest
 
 from parapod.systems.core import elementwise, quaternions
 from parapod.systems.core.elementwise import (
+    all_finite,
     atan2,
     both,
     clamp,
@@ -89,6 +90,10 @@ LAWS = {
         either(both(a > 0.0, b > 0.0), negated(is_finite(c))), a, where(a == b, 1.0, c)
     ),
     "ways": lambda a, b, c: (a if a > b else b * c) if c > 0.0 else (-a if a != b else 0.0),
+    "finite": lambda a, b, c: (
+        a if all_finite([[a, b], [b, c]]) else 0.0,
+        b if all_finite(np.array([b, quotient(a, c)])) else 1.0,
+    ),
     "sums": lambda a, b, c: total((a, 1e9 * b, c, -1e9 * b, 0.1)),
     "sums of products": lambda a, b, c: sumprod((a, 1e9, -1e9, 2.0), (b, c, c, a)),
     "loops": lambda a, b, c: next(x for x in (a, b, c, 9.0) if x > 0.5),
@@ -107,7 +112,7 @@ def test_a_law_of_rows_is_that_of_each_row(law):
 
 
 # Functions of a list of numbers, which have tests of their own.
-OF_SEVERAL = (first_least.__name__, sumprod.__name__, total.__name__)
+OF_SEVERAL = (all_finite.__name__, first_least.__name__, sumprod.__name__, total.__name__)
 
 
 def test_every_elementwise_function_takes_rows():

@@ -1,0 +1,127 @@
+"""Machines of many rows that MuJoCo steps in threads of its own."""
+
+import copy
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parapod.systems.core.extras import need
+from parapod.systems.core.leaf_system import RowsContext, RowsMemory
+from parapod.systems.core.rows import numbers_of
+from parapod.systems.physics.poses import PosesOfRows
+
+
+class MujocoRows(RowsMemory):
+    """Rows of a `MujocoPlant`: simulations of a `mujoco.batch.Batch`.
+
+    Each row has the model of its own plant, with its loads; rows that share both share a model.
+    Every row is what MuJoCo makes of it alone, to the last bit, whatever the number of threads:
+    `OMP_NUM_THREADS`, as in other libraries, or one for each core.
+    """
+
+    def __init__(self) -> None:
+        self._systems: list[Any] = []
+        self._beginnings: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._models: list[Any] = []
+        self._copies: dict[tuple[int, bytes], Any] = {}
+
+    def add(self, system: Any, context: Any) -> None:
+        """Takes a row's model and state."""
+        loads = system.loads_in(context)
+        key = id(system), loads.tobytes()
+        if key not in self._copies:
+            system.model.set_loads(loads)
+            self._copies[key] = copy.copy(system.model.model)
+        self._models.append(self._copies[key])
+        self._systems.append(system)
+        groups = (context.get_discrete_state(k).value().copy() for k in range(2))
+        self._beginnings.append(tuple(groups))
+
+    def begin(self) -> None:
+        """Makes the batch."""
+        batches: Any = need("mujoco.batch")
+        systems, models = self._systems, self._models
+        self._plant: Any = systems[0]
+        threads = int(os.environ.get("OMP_NUM_THREADS") or 0)
+        self._batch: Any = batches.Batch(models[0], len(models), threads)
+        if len(self._copies) > 1:
+            self._batch.set_models(models)
+        physics, forces = zip(*self._beginnings, strict=True)
+        self._batch.state[:], self._forces = physics, np.array(forces)
+        self._drives = replace(
+            self._plant.drives,
+            stiffness=np.array([system.drives.stiffness for system in systems]),
+            damping=np.array([system.drives.damping for system in systems]),
+        )
+        # Simulations that go on; those that have ended stay as they are.
+        self._ids = np.arange(len(models))
+        self._names = [
+            self._plant.get_output_port(i).get_name()
+            for i in range(self._plant.num_output_ports())
+        ]
+        del self._systems, self._beginnings, self._models
+
+    def output(self, index: int) -> Any:
+        """Numbers, or poses, of all rows at an output."""
+        name, batch, count = self._names[index], self._batch, self._drives.count
+        if name == "holding_force":
+            return numbers_of(self._forces[:, :count])
+        if name == "contact_force":
+            return numbers_of(self._forces[:, count:])
+        if name == "state":
+            maps = self._plant.model.maps
+            return numbers_of(maps.to_plant(batch.qpos[self._ids], batch.qvel[self._ids]))
+        if name == "body_poses":
+            batch.bind("xpos"), batch.bind("xmat")
+            batch.forward(self._ids, self._stages.mjSTAGE_POS)
+            places, turns = batch.xpos[self._ids], batch.xmat[self._ids]
+            bodies = self._plant.model.bodies
+            return PosesOfRows(places[:, bodies], turns[:, bodies])
+        raise TypeError(f"rows are not drawn: {name}")
+
+    @property
+    def _stages(self) -> Any:
+        return need("mujoco").mjtStage
+
+    def update(self, context: RowsContext) -> Callable[[], Mapping[int, Exception]]:
+        """Reads the commands, and gives the step."""
+        desired, applied = self._plant.commands_in(context)
+        return lambda: self._step(desired, applied)
+
+    def _step(
+        self, desired: NDArray[np.float64], applied: NDArray[np.float64] | None
+    ) -> Mapping[int, Exception]:
+        batch, ids = self._batch, self._ids
+        qpos = batch.qpos[ids]
+        control = self._drives.control(desired, qpos)
+        batch.ctrl[ids[:, np.newaxis], self._drives.order] = control
+        if applied is not None:
+            batch.qfrc_applied[ids] = self._plant.model.applied(qpos, applied)
+        sensors = batch.bind("sensordata")
+        errors: dict[int, Exception] = {}
+        try:
+            batch.step(ids)
+        except need("mujoco.batch").SimulationError as error:
+            failure = need("mujoco").FatalError
+            for i in error.ids:
+                errors[int(np.searchsorted(ids, i))] = failure(batch.error(int(i)))
+        holding = self._drives.holding_force(control, batch.qpos[ids], batch.qvel[ids])
+        self._forces = np.concatenate((holding, sensors[ids]), axis=1)
+        return errors
+
+    def keep(self, positions: NDArray[np.intp]) -> None:
+        """Goes on with some of the rows."""
+        self._ids, self._forces = self._ids[positions], self._forces[positions]
+        drives = self._drives
+        self._drives = replace(
+            drives, stiffness=drives.stiffness[positions], damping=drives.damping[positions]
+        )
+
+    def state(self, position: int) -> list[list[float]]:
+        """MuJoCo's state, and the forces of a row's last step."""
+        physics = self._batch.state[self._ids[position]]
+        return [physics.tolist(), self._forces[position].tolist()]
