@@ -1,7 +1,7 @@
 """Station, controller and sources of commands in one diagram, connected by port name."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Adder, MatrixGain, VectorLogSink, ZeroOrderHold
 
 from parapod.diagrams.faults import FaultPoints
+from parapod.diagrams.leaves import wiring_of
 from parapod.diagrams.own_controller import OWN, own_name
 from parapod.diagrams.recording import Recording
 from parapod.diagrams.station import Station, check_ports
@@ -57,6 +58,7 @@ class ClosedLoop[S](Diagram):
         faults: places where faults are injected.
         ports: everything that can be recorded, by port name.
         logs: sinks of the recorded signals, by port name.
+        sampling_period: time between two of their samples [s].
     """
 
     def __init__(
@@ -114,12 +116,18 @@ class ClosedLoop[S](Diagram):
         self.ports = self._connect(builder)
         self.require(log or ())
         logged = None if log is None else {*log, *log_too}
-        self.logs = self._log(builder, logged, machine.view.log_every * period)
+        self.sampling_period: float = machine.view.log_every * period
+        self.logs = self._log(builder, logged, self.sampling_period)
         builder.BuildInto(self)
         self.set_name(machine.name)
 
     def __repr__(self) -> str:
         return f"<closed loop of {self.machine.title}, {getattr(self.scenario, 'backend', '')}>"
+
+    @cached_property
+    def form(self) -> Hashable:
+        """All that it must share with another loop to be simulated beside it, as rows."""
+        return wiring_of(self), self.sampling_period, tuple(self.logs)
 
     def reset(self, context: Context, scenario: S | None = None) -> None:
         """Puts everything at its beginning.

@@ -1,10 +1,12 @@
 """Diagrams taken apart: their leaf systems, and which output each of their inputs reads."""
 
+from collections.abc import Hashable
 from typing import Any
 
 from pydrake.systems.framework import Diagram, System
 
 from parapod.diagrams.wiring import leaf_systems
+from parapod.systems.core.leaf_system import laws_of
 
 # Leaf systems are known by their positions among all of a diagram.
 type Sources = dict[tuple[int, int], tuple[int, int]]
@@ -51,3 +53,29 @@ def inputs_of_leaves(system: Any, port: Any) -> list[tuple[System, Any]]:
         return [(system, port)]
     locators = system.GetInputPortLocators(port)
     return [leaf for part, index in locators for leaf in inputs_of_leaves(part, index)]
+
+
+def wiring_of(diagram: Diagram) -> Hashable:
+    """All that a diagram must share with another for their runs to be rows of one simulation."""
+    systems, sources = flattened(diagram)
+    return tuple(map(_form, systems)), frozenset(sources.items())
+
+
+def _form(system: Any) -> Hashable:
+    """Kind, ports, state and timing of a leaf system."""
+    inputs = (system.get_input_port(i) for i in range(system.num_input_ports()))
+    outputs = (system.get_output_port(i) for i in range(system.num_output_ports()))
+    context = system.AllocateContext()
+    states = range(context.num_discrete_state_groups())
+    laws = laws_of(system)
+    if laws is not None:
+        timings = [(update.period, update.offset) for update in laws.sampled]
+    else:
+        timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
+        timings = [] if timing is None else [(timing.period_sec(), timing.offset_sec())]
+    return (
+        type(system),
+        tuple((port.get_name(), port.size()) for port in (*inputs, *outputs)),
+        tuple(context.get_discrete_state(k).size() for k in states),
+        tuple(timings),
+    )

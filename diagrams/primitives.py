@@ -14,7 +14,8 @@ from pydrake.systems.framework import System
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import Laws, Output, RowsContext, Sampled, Vector, laws_of
-from parapod.systems.core.rows import Number
+from parapod.systems.core.merged import OfRow
+from parapod.systems.core.rows import Number, of_rows
 
 
 def find_laws(system: System) -> Laws:
@@ -56,12 +57,30 @@ def _constant(system: Any) -> Laws:
     return Laws(outputs=[Output(law)])
 
 
+class _Courses(OfRow):
+    """Values of the trajectories of a source, or of one of each row."""
+
+    def __init__(self, systems: Sequence[Any]):
+        self._systems = [(system, system.CreateDefaultContext()) for system in systems]
+
+    @classmethod
+    def of_rows(cls, objects: Sequence["_Courses"]) -> "_Courses":
+        return cls([system for courses in objects for system, _ in courses._systems])
+
+    def at(self, time: float) -> list[Number]:
+        """Numbers at an instant [s]."""
+        values = []
+        for system, own in self._systems:
+            own.SetTime(time)
+            values.append(system.get_output_port().Eval(own).tolist())
+        return of_rows(values)
+
+
 def _trajectory(system: Any) -> Laws:
-    own = system.CreateDefaultContext()
+    courses = _Courses([system])
 
     def law(_system: Any, context: RowsContext, output: Vector) -> None:
-        own.SetTime(context.get_time())
-        output.numbers = system.get_output_port().Eval(own).tolist()
+        output.numbers = courses.at(context.get_time())
 
     return Laws(outputs=[Output(law, frozenset([int(system.time_ticket())]))])
 

@@ -26,6 +26,7 @@ from pydrake.systems.primitives import VectorLogSink
 
 from parapod.diagrams.leaves import flattened, inputs_of_leaves, output_of_leaf
 from parapod.diagrams.primitives import find_laws
+from parapod.diagrams.wiring import leaf_systems
 from parapod.systems.core import rows as rows_module
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import (
@@ -36,12 +37,15 @@ from parapod.systems.core.leaf_system import (
     RowsContext,
     zeros_for,
 )
-from parapod.systems.core.rows import Number, Rows, carried_out
+from parapod.systems.core.merged import Merger
+from parapod.systems.core.rows import Number, Rows, carried_out, of_rows
 
 type Floats = NDArray[np.float64]
 
 # Samples by which the memory of a signal grows, and rows that are taken out of it at once.
 _CHUNK, _BLOCK = 256, 64
+# Parts of rows for which systems that differ are kept as one.
+_MOST_MERGED = 16
 _TIME = "time"
 
 
@@ -49,7 +53,7 @@ class Leaf:
     """A leaf system with its numbers of all rows.
 
     Attributes:
-        system: the system.
+        system: the system, or that of the first row where rows have systems of their own.
         laws: its laws.
         name: its path in the diagram.
         state: groups of its discrete state.
@@ -73,9 +77,51 @@ class Leaf:
         self.caches: dict[tuple[int, Any], Any] = {}
         self._simulator = simulator
         self._added: list[list[list[float]]] = []
+        # Of all rows, those that have ended too; and what stands for those of some rows.
+        self._systems: list[Any] = []
+        self._laws: dict[Law, list[Law]] = {law: [] for law in laws.all()}
+        self._differ = False
+        self._merged: dict[Any, tuple[Merger, dict[Law, tuple[Law, Any]]]] = {}
 
-    def add(self, system: Any, context: Any) -> None:
-        """Reads the beginning of a further row from a system like this and its context."""
+    def own(self, row: int) -> Any:
+        """System of a row."""
+        return self._systems[row]
+
+    def carry_out(self, law: Law, context: RowsContext, *arguments: Any) -> Any:
+        """Result of a law of the system, for the rows of a context."""
+        if not self._differ:
+            return law(self.system, context, *arguments)
+        index, rows = context.index, self._simulator.rows
+        if type(index) is int:
+            row = int(rows[index])
+            return self._laws[law][row](self._systems[row], context, *arguments)
+        positions: Any = index
+        key = None if positions is None else positions.tobytes()
+        if key not in self._merged:
+            if len(self._merged) > _MOST_MERGED:
+                self._merged.clear()
+            self._merged[key] = Merger(), {}
+        merger, laws = self._merged[key]
+        if law not in laws:
+            chosen = (rows if positions is None else rows[positions]).tolist()
+            whole = merger.merge([self._systems[row] for row in chosen])
+            laws[law] = merger.merge([self._laws[law][row] for row in chosen]), whole
+        of_all, whole = laws[law]
+        return of_all(whole, context, *arguments)
+
+    def add(self, system: Any, laws: Laws, context: Any) -> None:
+        """Reads the beginning of a further row.
+
+        Args:
+            system: this system, or one like it.
+            laws: its laws.
+            context: its context.
+        """
+        self._systems.append(system)
+        self._differ = self._differ or system is not self.system
+        for first, own in zip(self.laws.all(), laws.all(), strict=True):
+            if len(self._laws[first]) < len(self._systems):  # one may serve two ports
+                self._laws[first].append(own)
         fixed = [
             k
             for k, source in enumerate(self.sources)
@@ -106,9 +152,15 @@ class Leaf:
             own.SetTimeStateAndParametersFrom(context)
             self.contexts.append(own)
 
+    def forget(self) -> None:
+        """Forgets what was calculated, for other rows."""
+        self.outputs = [None] * len(self.outputs)
+        self.caches.clear()
+        self._merged.clear()
+
     def begin(self) -> None:
         """Takes the numbers of all rows together."""
-        groups = [_numbers(group) for group in zip(*self._added, strict=True)]
+        groups = [of_rows(group) for group in zip(*self._added, strict=True)]
         self._added.clear()
         if self.memory is not None:
             self.memory.begin()
@@ -159,7 +211,7 @@ class Leaf:
         key = index, rows.tobytes() if isinstance(rows, np.ndarray) else rows
         if key not in self.caches:
             law: Any = self.laws.caches[index].law
-            self.caches[key] = law(self.system, RowsContext(self, rows))
+            self.caches[key] = self.carry_out(law, RowsContext(self, rows))
         return self.caches[key]
 
 
@@ -241,13 +293,14 @@ class RowsSimulator:
         one_by_one: paths of systems whose laws were carried out row by row.
     """
 
-    def __init__(self, diagram: Diagram, contexts: Iterable[Context]):
+    def __init__(self, diagram: Diagram, beginnings: Iterable[tuple[Diagram, Context]]):
         """Takes the rows' beginnings.
 
         Args:
             diagram: the diagram, without continuous or abstract state.
-            contexts: a context of the diagram for each row; each is read before the next is asked
-                for, so that they may be one that is set anew.
+            beginnings: for each row this diagram, or one of the same `leaves.wiring_of`, and a
+                context of it; each is read before the next is asked for, so that they may be one
+                context that is set anew.
 
         Raises:
             ParapodError: a system that rows cannot have.
@@ -266,7 +319,8 @@ class RowsSimulator:
                 _check_numbers(systems[giver], systems[giver].get_output_port(output))
         self._logs: dict[str, tuple[Leaf, Signal]] = {}
         self._logged_at: list[float] = []
-        self.rows = np.arange(self._gather(contexts))
+        self._leaf_of = {id(leaf.system): leaf for leaf in self._leaves}
+        self.rows = np.arange(self._gather(diagram, beginnings))
         self._dependents = _dependents_of(self._leaves)
         self._events: dict[tuple[float, float], list[tuple[Leaf, Law]]] = {}
         for leaf in self._leaves:
@@ -327,15 +381,14 @@ class RowsSimulator:
             owner, index = output_of_leaf(system, system.GetOutputPort(port).get_index())
         else:
             owner, index = inputs_of_leaves(system, system.GetInputPort(port).get_index())[0]
-        leaf = next(leaf for leaf in self._leaves if leaf.system is owner)
-        return leaf, int(index), is_output
+        return self._leaf_of[id(owner)], int(index), is_output
 
     def write(self, row: int, root: Context) -> None:
         """Puts a context, which has the row's parameters, to its present time and state."""
         end = self._ends.get(row) or self._end(int(np.searchsorted(self.rows, row)))
         root.SetTime(end.time)
         for leaf, groups in zip(self._leaves, end.state, strict=True):
-            own = leaf.system.GetMyMutableContextFromRoot(root)
+            own = leaf.own(row).GetMyMutableContextFromRoot(root)
             for g, group in enumerate(groups):
                 own.SetDiscreteState(g, np.array(group))
 
@@ -418,7 +471,7 @@ class RowsSimulator:
 
         def result(context: RowsContext) -> list[Number]:
             values = DiscreteValues([context.taken(group) for group in groups])
-            law(leaf.system, context, values)
+            leaf.carry_out(law, context, values)
             return [number for group in values.groups for number in group.numbers]
 
         numbers = self._carried_out(leaf, result, sum(sizes))
@@ -433,7 +486,7 @@ class RowsSimulator:
 
         def result(context: RowsContext) -> list[Number]:
             output = zeros_for(size)
-            law(leaf.system, context, output)
+            leaf.carry_out(law, context, output)
             return output.numbers
 
         return self._carried_out(leaf, result, size)
@@ -487,16 +540,20 @@ class RowsSimulator:
             leaf.contexts = [leaf.contexts[i] for i in kept] if leaf.contexts else []
             if leaf.memory is not None:
                 leaf.memory.keep(kept)
-            leaf.outputs = [None] * len(leaf.outputs)
-            leaf.caches.clear()
+            leaf.forget()
 
-    def _gather(self, contexts: Iterable[Context]) -> int:
+    def _gather(self, diagram: Diagram, beginnings: Iterable[tuple[Diagram, Context]]) -> int:
         """Reads the rows' contexts; returns their number."""
         count = 0
-        for root in contexts:
+        known = {id(diagram): (diagram, [(leaf.system, leaf.laws) for leaf in self._leaves])}
+        for own, root in beginnings:
+            if id(own) not in known:
+                systems = leaf_systems(own)
+                known[id(own)] = own, [(system, find_laws(system)) for system in systems]
             self.time = root.get_time()
-            for leaf in self._leaves:
-                leaf.add(leaf.system, leaf.system.GetMyContextFromRoot(root))
+            for leaf, (system, laws) in zip(self._leaves, known[id(own)][1], strict=True):
+                leaf.add(system, laws, system.GetMyContextFromRoot(root))
+                self._leaf_of[id(system)] = leaf
             count += 1
         for leaf in self._leaves:
             leaf.begin()
@@ -519,17 +576,6 @@ def _check_numbers(system: Any, port: Any) -> None:
     if port.get_data_type() == PortDataType.kAbstractValued:
         name = system.get_name()
         raise ParapodError(f"'{name}' has no laws over rows: the port '{port.get_name()}'")
-
-
-def _numbers(rows: Sequence[Sequence[float]]) -> list[Number]:
-    """Numbers of a vector of which each row has one."""
-    matrix = np.array(rows, dtype=float)
-    numbers: list[Number] = []
-    for column in matrix.T:
-        words = column.view(np.uint64) if column.flags.contiguous else column.copy().view("u8")
-        same = bool((words == words[0]).all())
-        numbers.append(float(column[0]) if same else Rows(column.copy()))
-    return numbers
 
 
 def _kept(numbers: Sequence[Number], kept: NDArray[np.intp]) -> list[Number]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, EventStatus, System
+from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.recording import Recording
@@ -26,33 +26,39 @@ class LoopRows[S]:
     `loop.recording` is after Drake's run of scenario i. A row that fails ends alone.
     """
 
-    def __init__(self, loop: ClosedLoop[S], scenarios: Sequence[S]):
+    def __init__(self, loops: ClosedLoop[S] | Sequence[ClosedLoop[S]], scenarios: Sequence[S]):
         """Puts every row at its beginning.
 
         Args:
-            loop: loop of any of the scenarios; it records the signals of its logs.
+            loops: the loop of any of the scenarios, if it serves all; or a loop for each of them,
+                wired alike. The signals of the first one's logs are recorded.
             scenarios: a scenario of the loop's machine for each row.
 
         Raises:
-            ScenarioError: a scenario of another structure; names the key.
+            ScenarioError: a scenario of another structure than the one loop, or one whose loop
+                is wired otherwise; names the key.
             ParapodError: a system that rows cannot have, or more rows than memory.
         """
         if not scenarios:
             raise ParapodError("rows need at least one scenario")
-        self.loop, self.scenarios = loop, scenarios
-        _check_structures(loop, scenarios)
-        root = loop.CreateDefaultContext()
+        if isinstance(loops, ClosedLoop):
+            _check_structures(loops, scenarios)
+            loops = [loops] * len(scenarios)
+        self.loop, self.scenarios, self._loops = loops[0], scenarios, loops
+        _check_forms(loops)
+        roots: dict[int, Context] = {}
 
-        def beginnings() -> Iterator[Context]:
-            for scenario in scenarios:
-                loop.reset(root, scenario)
-                yield root
+        def beginnings() -> Iterator[tuple[Diagram, Context]]:
+            for own, scenario in zip(self._loops, scenarios, strict=True):
+                if id(own) not in roots:
+                    roots.clear()  # each is large
+                    roots[id(own)] = own.CreateDefaultContext()
+                own.reset(roots[id(own)], scenario)
+                yield own, roots[id(own)]
 
-        self._simulator = RowsSimulator(loop, beginnings())
-        for name, sink in loop.logs.items():
+        self._simulator = RowsSimulator(self.loop, beginnings())
+        for name, sink in self.loop.logs.items():
             self._simulator.log(sink, name)
-        settings: Any = loop.scenario
-        self.period: float = loop.machine.view.log_every * settings.control.period
 
     @property
     def errors(self) -> Mapping[int, Exception]:
@@ -93,12 +99,12 @@ class LoopRows[S]:
                 if monitor is not None
             }
             look = partial(_ending, watched, self._simulator.errors)
-        self._simulator.advance_to(until, self.period, look)
+        self._simulator.advance_to(until, self.loop.sampling_period, look)
 
     def context(self, row: int) -> Context:
-        """A root context of the loop as it is at the end of a row."""
-        root = self.loop.CreateDefaultContext()
-        self.loop.reset(root, self.scenarios[row])
+        """A root context of a row's loop as it is at the end."""
+        root = self._loops[row].CreateDefaultContext()
+        self._loops[row].reset(root, self.scenarios[row])
         self._simulator.write(row, root)
         return root
 
@@ -170,22 +176,40 @@ def bytes_of_row(loop: ClosedLoop[Any], duration: float) -> int:
         loop: the loop, with its logs.
         duration: time that is recorded [s].
     """
-    settings: Any = loop.scenario
-    samples = duration / (loop.machine.view.log_every * settings.control.period) + 1
+    samples = duration / loop.sampling_period + 1
     return int(8 * samples * sum(sink.get_input_port().size() for sink in loop.logs.values()))
 
 
 def _check_structures(loop: ClosedLoop[Any], scenarios: Sequence[Any]) -> None:
-    machine = loop.machine
-    structure = machine.structure(loop.scenario)
+    structure = loop.machine.structure(loop.scenario)
     for row, scenario in enumerate(scenarios):
-        if machine.structure(scenario) != structure:
-            resets = machine.resets(loop.scenario)
-            keys = (key for key, _ in differing(plain(loop.scenario), plain(scenario)))
-            key = next((key for key in keys if key not in resets), "")
-            raise ScenarioError(
-                f"{key} of row {row} is not that of the loop: it is built in, and rows of one "
-                f"simulation differ only in what a loop is reset to, such as "
-                f"{', '.join(list(resets)[:4])}",
-                key,
+        if loop.machine.structure(scenario) != structure:
+            examples = ", ".join(list(loop.machine.resets(loop.scenario))[:4])
+            raise _differing(
+                loop,
+                row,
+                scenario,
+                f"it is built in: rows of one loop differ only in what it is reset to, such as "
+                f"{examples}",
             )
+
+
+def _check_forms(loops: Sequence[ClosedLoop[Any]]) -> None:
+    first = loops[0]
+    for row, loop in enumerate(loops):
+        if loop is not first and loop.form != first.form:
+            raise _differing(
+                first,
+                row,
+                loop.scenario,
+                "its loop is wired otherwise: rows of one simulation may differ in numbers, not "
+                "in their systems, ports and periods",
+            )
+
+
+def _differing(loop: ClosedLoop[Any], row: int, scenario: Any, reason: str) -> ScenarioError:
+    """Error that names the first key in which a scenario is not that of a loop."""
+    resets = loop.machine.resets(loop.scenario)
+    keys = (key for key, _ in differing(plain(loop.scenario), plain(scenario)))
+    key = next((key for key in keys if key not in resets), "")
+    return ScenarioError(f"{key} of row {row} is not that of the loop, and {reason}", key)

@@ -103,30 +103,42 @@ def loop_of(experiment: Any, scenario: Any, **options: Any) -> ClosedLoop[Any]:
 
 
 def rows(loop: ClosedLoop[Any] | Any, scenarios: Sequence[Any]) -> LoopRows[Any]:
-    """Closed loops of many scenarios of one structure, to be simulated side by side.
+    """Closed loops of many scenarios, to be simulated side by side.
 
         rows = parapod.rows(scenarios[0], scenarios)
         rows.advance_to(30.0)
         rows.recording(17)["truth.posture"]  # that of the 18th scenario, as Drake has it
 
     Args:
-        loop: the loop of one of the scenarios, whose signals are recorded; or a scenario that
-            it is made of.
-        scenarios: a scenario for each row; they differ in what a loop is reset to, such as seed,
-            ground and errors.
+        loop: a scenario: each row has a loop of its own, and all loops are wired alike. Or the
+            loop of one of the scenarios, which serves all: they then differ only in what a loop
+            is reset to, such as seed, ground and errors of sensors.
+        scenarios: a scenario for each row.
 
     Raises:
         ScenarioError: a scenario that is not admissible, or of another structure; names the key.
         ParapodError: a system that rows cannot have, or more rows than memory.
     """
-    if not isinstance(loop, ClosedLoop):
-        loop = closed_loop(loop)
-    begins = []
     for one in scenarios:
         check(one)
-        is_own = isinstance(one, type(loop.scenario))
-        begins.append(one if is_own else _experiment_of(one).machine_scenario(one))
-    return LoopRows(loop, begins)
+    if isinstance(loop, ClosedLoop):
+        return LoopRows(loop, [_begun(loop, one) for one in scenarios])
+    first = closed_loop(loop)
+    begins = [_begun(first, one) for one in scenarios]
+    loops = {first.machine.structure(first.scenario): first}
+    chosen = []
+    for one, begin in zip(scenarios, begins, strict=True):
+        structure = first.machine.structure(begin)
+        if structure not in loops:
+            loops[structure] = closed_loop(one)
+        chosen.append(loops[structure])
+    return LoopRows(chosen, begins)
+
+
+def _begun(loop: ClosedLoop[Any], scenario: Any) -> Any:
+    """The scenario of a loop's machine in that of an experiment."""
+    is_own = isinstance(scenario, type(loop.scenario))
+    return scenario if is_own else _experiment_of(scenario).machine_scenario(scenario)
 
 
 def viewer(scenario: Any, record: bool = False) -> Meshcat:

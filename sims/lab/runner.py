@@ -233,7 +233,7 @@ class Runner:
             write_graphviz(options.graphviz, BlockDiagram(closed_loop))
         if reset_to is not None and options.together is not None:
             look = monitor(closed_loop, None) if monitor is not None else None
-            wish = Wish((structure, log), closed_loop, reset_to, duration, look)
+            wish = Wish(closed_loop, reset_to, duration, look)
             if (granted := options.together.simulate(wish)) is not None:
                 return Run(
                     granted.recording.time,

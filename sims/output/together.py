@@ -1,18 +1,21 @@
 """Runs that are carried out together: their closed loops are simulated side by side.
 
 Each run is a function in a thread of its own, and only one of them is at work at any time. One
-that comes to a simulation waits there until all others do or are done; loops of one structure are
-then simulated as rows. So an experiment need not know of the others.
+that comes to a simulation waits there until all others do or are done; loops that are wired
+alike are then simulated as rows. So an experiment need not know of the others.
 """
 
 import gc
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from typing import Any
 
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -20,12 +23,17 @@ from parapod.diagrams.recording import Recording
 from parapod.diagrams.side_by_side import LoopRows, bytes_of_row
 from parapod.systems.core.errors import ParapodError
 
-# Memory of the recordings of all rows that are simulated at once [B], and their largest number
-# where that is left to us: arrays of more are slower by element, as they leave the caches.
+# Memory of a loop, those of rigid bodies with the engine's model [B].
+_LOOP = 6 * 2**20
+# Memory of the loops and recordings of all rows that are simulated at once [B], and the largest
+# number of rows where that is left to us: arrays of more are slower, as they leave the caches.
 _MEMORY = 768 * 2**20
 MOST_ROWS = 1000
 # Fewer rows than this are faster one after the other, in C++ in part.
 _FEWEST = 8
+# Times at which rows are looked at, whether they pay.
+_LOOKS = 20
+_MOMENT = 1e-6  # shorter than any work [s]
 # Stack of a thread, that of a program on Linux; only what is used takes memory [B].
 _STACK = 8 * 2**20
 
@@ -41,14 +49,12 @@ class Wish:
     """Simulation that a run wants.
 
     Attributes:
-        structure: all that its loop is built from; equal ones go together.
-        loop: a loop of the structure.
+        loop: its loop, which may be that of others too; those wired alike go together.
         begin: the machine's scenario that it begins with.
         duration: end of the run [s].
         monitor: may end it, as a simulator's; None: it goes to its end.
     """
 
-    structure: Hashable
     loop: ClosedLoop[Any]
     begin: Any
     duration: float
@@ -80,6 +86,7 @@ class Together:
 
     def __init__(self, rows: int | None = None):
         self._rows = rows
+        self._alone: set[Hashable] = set()  # what loops share that are simulated one by one
         self._here = threading.local()
 
     def simulate(self, wish: Wish) -> Granted | None:
@@ -113,15 +120,25 @@ class Together:
             while wishes := [guest for guest in guests if guest.wish is not None]:
                 for guests_alike in _alike(wishes):
                     collect_garbage()  # rows of before, which know each other in circles
-                    answers = _simulated([guest.wish for guest in guests_alike])
-                    for guest, answer in zip(guests_alike, answers, strict=True):
-                        guest.answer(answer)
+                    self._answer(guests_alike)
             for guest in guests:
                 yield guest.result()
+
+    def _answer(self, guests: "Sequence[_Guest[Any]]") -> None:
+        """Simulates runs that are alike, unless others of the kind were better off alone."""
+        form = guests[0].form
+        answers: Iterable[Granted | Exception | None] = (
+            repeat(None) if form in self._alone else _simulated([guest.wish for guest in guests])
+        )
+        for guest, answer in zip(guests, answers, strict=False):
+            if answer is None and len(guests) >= _FEWEST:
+                self._alone.add(form)
+            guest.answer(answer)
 
     def _gather[R](self, works: Iterator[Callable[[], R]]) -> "list[_Guest[R]]":
         """Lets runs begin until there are enough of them."""
         guests: list[_Guest[R]] = []
+        loops: set[int] = set()
         memory, most = 0, self._rows or MOST_ROWS
         for work in works:
             guest = _Guest(work, self._here)
@@ -129,6 +146,8 @@ class Together:
             guests.append(guest)
             if guest.wish is not None:
                 memory += bytes_of_row(guest.wish.loop, guest.wish.duration)
+                memory += 0 if id(guest.wish.loop) in loops else _LOOP
+                loops.add(id(guest.wish.loop))
             if len(guests) >= most or (self._rows is None and memory >= _MEMORY):
                 break
         return guests
@@ -169,6 +188,12 @@ class _Guest[R]:
         self._theirs.release()
         self._ours.acquire()
 
+    @property
+    def form(self) -> Hashable:
+        """All that those share with which its wish may be granted."""
+        assert self.wish is not None
+        return self.wish.loop.form, self.wish.duration
+
     def result(self) -> R:
         """The result, once it has come to the end."""
         self._thread.join()
@@ -189,27 +214,64 @@ def _alike(guests: Sequence["_Guest[Any]"]) -> "list[list[_Guest[Any]]]":
     """Runs whose loops are simulated together."""
     groups: dict[Hashable, list[_Guest[Any]]] = {}
     for guest in guests:
-        assert guest.wish is not None
-        key = guest.wish.structure, guest.wish.duration
-        groups.setdefault(key, []).append(guest)
+        groups.setdefault(guest.form, []).append(guest)
     return list(groups.values())
 
 
 def _simulated(wishes: Sequence[Any]) -> Iterator[Granted | Exception | None]:
-    """Answers to wishes for one structure."""
-    first = wishes[0]
-    if len(wishes) < _FEWEST:
-        yield from (None for _ in wishes)
-        return
+    """Answers to wishes for loops that are wired alike; None where a run is better off alone."""
     started = time.perf_counter()
-    try:
-        rows = LoopRows(first.loop, [wish.begin for wish in wishes])
-        rows.advance_to(first.duration, [wish.monitor for wish in wishes])
-    except ParapodError:  # no laws over rows
-        yield from (None for _ in wishes)
-        return
+    rows = _rows_of(wishes) if len(wishes) >= _FEWEST else None
     elapsed = (time.perf_counter() - started) / len(wishes)
     for row in range(len(wishes)):
-        yield rows.errors.get(row) or Granted(
-            rows.recording(row), elapsed, partial(rows.context, row)
+        yield (
+            None
+            if rows is None
+            else rows.errors.get(row)
+            or Granted(rows.recording(row), elapsed, partial(rows.context, row))
         )
+
+
+def _rows_of(wishes: Sequence[Any]) -> LoopRows[Any] | None:
+    """Rows that have been simulated; None if there are no laws for them, or it does not pay."""
+    monitors = [wish.monitor for wish in wishes]
+    try:
+        rows = LoopRows([wish.loop for wish in wishes], [wish.begin for wish in wishes])
+        return rows if _carried_on(rows, wishes[0], monitors) else None
+    except ParapodError:
+        return None
+
+
+def _carried_on(rows: LoopRows[Any], wish: Wish, monitors: Sequence[Any]) -> bool:
+    """Simulates rows as long as it pays; false if to begin anew, one by one, takes less time.
+
+    Laws may ask what rows answer differently, or take them one at a time: then many rows can be
+    slower than Drake, one after the other. Their results are the same.
+    """
+    period, duration = rows.loop.sampling_period, wish.duration
+    samples = max(1, round(duration / _LOOKS / period))
+    by_drake = 0.0
+    for look in range(1, _LOOKS):
+        if (until := look * samples * period) >= duration:
+            break
+        time_of_all = _cpu_time(partial(rows.advance_to, until, monitors))
+        by_drake = by_drake or max(_cpu_time(partial(_simulate, wish, until)), _MOMENT)
+        slowness = time_of_all / len(rows.scenarios) / by_drake
+        if slowness * (duration - until) > duration:
+            return False
+    rows.advance_to(duration, monitors)
+    return True
+
+
+def _simulate(wish: Wish, until: float) -> None:
+    simulator = Simulator(wish.loop)
+    wish.loop.reset(simulator.get_mutable_context(), wish.begin)
+    with suppress(Exception):  # which is told when this run is carried out
+        simulator.AdvanceTo(until)
+
+
+def _cpu_time(work: Callable[[], object]) -> float:
+    """Time that the processor spends on a piece of work [s]."""
+    started = time.process_time()
+    work()
+    return time.process_time() - started

@@ -1,19 +1,28 @@
 """Drives that are where they are commanded to be, as far as their limits let them."""
 
-import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.elementwise import clamp
+from parapod.systems.core.elementwise import (
+    both,
+    clamp,
+    copysign,
+    greatest,
+    is_finite,
+    least,
+    sqrt,
+)
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, read
 from parapod.systems.core.remembered import Remembered
+from parapod.systems.core.rows import each
 
 # Share of a limit by which a command that keeps to it may exceed it, as numbers are rounded [-].
 _ROUNDED = 1e-6
@@ -67,7 +76,7 @@ class PositionDrive(LeafSystem):
         self.set_name("position_drive")
         self._count = count = len(params)
         self._period = period
-        self._motion = Remembered(functools.partial(_motion_of, tuple(params), period))
+        self._motion = Remembered(partial(_motion_of, tuple(params), period))
         self._command = self.DeclareVectorInputPort("position_command", count)
         self._samples: Any = self.DeclareDiscreteState(2 * count)
         state = self.discrete_state_ticket(self._samples)
@@ -116,8 +125,12 @@ def _motion_of(
 ) -> list[float]:
     """Positions of drives, and their mean velocities of the last period."""
     velocities = _velocities(samples, period)
-    motions = zip(params, samples[: len(params)], velocities, command, strict=True)
-    return [_led(own, period, *motion) for own, *motion in motions] + velocities
+    positions = samples[: len(params)]
+    limits = (
+        [getattr(own, field.name) for own in params] for field in fields(PositionDriveParams)
+    )
+    led = each(partial(_led, period), positions, velocities, command, *limits)
+    return led + velocities
 
 
 def _velocities(samples: list[float], period: float) -> list[float]:
@@ -128,24 +141,32 @@ def _velocities(samples: list[float], period: float) -> list[float]:
 
 
 def _led(
-    params: PositionDriveParams, period: float, position: float, velocity: float, command: float
+    period: float,
+    position: float,
+    velocity: float,
+    command: float,
+    max_velocity: float,
+    max_acceleration: float,
+    lower: float,
+    upper: float,
+    time_constant: float,
 ) -> float:
     """Position of a drive, from those of the last sample."""
-    change = params.max_acceleration * period
-    if not math.isfinite(command):
+    change = max_acceleration * period
+    if not is_finite(command):
         stopped = clamp(0.0, velocity - change, velocity + change)
-        return clamp(position + period * stopped, params.lower, params.upper)
-    command = clamp(command, params.lower, params.upper)
-    if params.time_constant:
-        command = position - math.expm1(-period / params.time_constant) * (command - position)
+        return clamp(position + period * stopped, lower, upper)
+    command = clamp(command, lower, upper)
+    if time_constant:
+        command = position - math.expm1(-period / time_constant) * (command - position)
     missing, more = command - position, 1.0 + _ROUNDED
-    slowest = max(min(velocity - change, 0.0), -params.max_velocity)
-    fastest = min(max(velocity + change, 0.0), params.max_velocity)
-    if more * slowest * period <= missing <= more * fastest * period:
+    slowest = greatest(least(velocity - change, 0.0), -max_velocity)
+    fastest = least(greatest(velocity + change, 0.0), max_velocity)
+    if both(more * slowest * period <= missing, missing <= more * fastest * period):
         return command
-    speed = min(params.max_velocity, _stopping_speed(abs(missing), change, period))
-    speed = clamp(math.copysign(speed, missing), velocity - change, velocity + change)
-    return clamp(position + period * speed, params.lower, params.upper)
+    speed = least(max_velocity, _stopping_speed(abs(missing), change, period))
+    speed = clamp(copysign(speed, missing), velocity - change, velocity + change)
+    return clamp(position + period * speed, lower, upper)
 
 
 def _stopping_speed(way: float, change: float, period: float) -> float:
@@ -156,4 +177,4 @@ def _stopping_speed(way: float, change: float, period: float) -> float:
     if math.isinf(change):
         return way / period
     half = 0.5 * change
-    return math.sqrt(half * half + 2.0 * change * way / period) - half
+    return sqrt(half * half + 2.0 * change * way / period) - half

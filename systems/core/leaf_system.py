@@ -75,6 +75,12 @@ class Laws:
     needs_contexts: bool = False
     memory: "type[RowsMemory] | None" = None
 
+    def all(self) -> list[Law]:
+        """All functions among them, in an order that systems of one kind share."""
+        calculations = (one.law for one in (*self.outputs, *self.caches.values()))
+        updates = (one.law for one in self.sampled)
+        return [*(law for law in calculations if law is not None), *updates, *self.initial]
+
 
 def laws_of(system: System) -> Laws | None:
     """Laws of a system that is derived from `LeafSystem`; None of another."""
@@ -186,7 +192,7 @@ class RowsMemory(ABC):
 
     @abstractmethod
     def output(self, index: int) -> Any:
-        """What all rows have at an output: a list of numbers, or `OfRows`."""
+        """What all rows have at an output: a list of numbers, or `rows.OfRows`."""
 
     @abstractmethod
     def update(self, context: "RowsContext") -> Callable[[], Mapping[int, Exception]]:
@@ -203,14 +209,6 @@ class RowsMemory(ABC):
     @abstractmethod
     def state(self, position: int) -> list[list[float]]:
         """Groups of a row's discrete state."""
-
-
-class OfRows(ABC):
-    """Objects of rows, where a port has no numbers."""
-
-    @abstractmethod
-    def taken(self, index: Index | int) -> Any:
-        """Those of some rows, or that of one; see `RowsContext`."""
 
 
 class _LeafSystems:

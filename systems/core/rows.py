@@ -11,7 +11,9 @@ rows are then handed over one at a time.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,14 @@ at_work = False
 type Index = NDArray[np.intp] | None
 # A float where all rows have the same number.
 type Number = "float | Rows"
+
+
+class OfRows(ABC):
+    """An object of rows that is no number."""
+
+    @abstractmethod
+    def taken(self, index: "Index | int") -> Any:
+        """That of the rows at some positions, or of one row."""
 
 
 class Parted(Exception):
@@ -318,8 +328,16 @@ def common[T: np.generic](batch: NDArray[T], ndim: int = 1) -> NDArray[T]:
 
 
 def number_of(values: Any) -> Any:
-    """A number as a float, or numbers (n) as those of rows."""
-    return Rows(values) if np.ndim(values) else float(values)
+    """A number as a float, or numbers (n) as those of rows.
+
+    Raises:
+        TypeError: something else, such as numbers of rows themselves.
+    """
+    if not np.ndim(values):
+        return float(values)
+    if values.dtype == object:
+        raise TypeError("numbers of rows are not rows themselves")
+    return Rows(values)
 
 
 def batch_of(numbers: Sequence[Number]) -> Floats:
@@ -390,7 +408,7 @@ def carried_out(
     except Exception:
         if one is None:
             raise
-        return _by_rows([one(position) for position in range(size)])
+        return of_rows([one(position) for position in range(size)])
     parts: list[tuple[NDArray[np.intp], Sequence[Number]]] = []
     while waiting:
         index = waiting.pop()
@@ -401,15 +419,18 @@ def carried_out(
         except Exception:
             if one is None:
                 raise
-            numbers = _by_rows([one(position) for position in index.tolist()])
+            numbers = of_rows([one(position) for position in index.tolist()])
             parts.append((index, numbers))
     return _merged(parts, size)
 
 
-def _by_rows(rows: Sequence[Sequence[Any]]) -> list[Number]:
-    """Numbers of rows that were taken one at a time."""
-    columns: list[Any] = list(zip(*rows, strict=True))
-    return [_common(column) or Rows(np.array(column)) for column in columns]
+def of_rows(rows: Sequence[Sequence[Any]]) -> list[Number]:
+    """Numbers of a vector of which each row has one."""
+    numbers: list[Number] = []
+    for column in np.array(rows, dtype=float).T.copy():
+        words = column.view(np.uint64)  # zeros have signs
+        numbers.append(float(column[0]) if (words == words[0]).all() else Rows(column))
+    return numbers
 
 
 def _common(column: Sequence[Number]) -> float | None:
@@ -440,7 +461,8 @@ def each(law: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
     and not once for each combination of the ways that they go. What the law raises is raised.
 
     Args:
-        law: function of an element of each column; gives a number or a tuple of them.
+        law: function of an element of each column, or a method of an object that rows share, or
+            that stands for those of all rows; gives a number or a tuple of them.
         columns: sequences of one length; elements that are neither floats nor rows must be the
             same in all channels.
     """
@@ -457,8 +479,15 @@ def each(law: Callable[..., Any], *columns: Sequence[Any]) -> list[Any]:
         is_tuple = isinstance(result, tuple)
         return result if is_tuple else (result,)
 
+    owner = getattr(law, "__self__", None)
+    rows = np.arange(count * size) % size
+
     def of_rows(index: Index) -> tuple[Any, ...]:
-        return as_tuple(law(*(taken(column, index) for column in flat)))
+        own: Any = law
+        if isinstance(owner, OfRows):
+            there = owner.taken(rows if index is None else rows[index])
+            own = MethodType(own.__func__, there)
+        return as_tuple(own(*(taken(column, index) for column in flat)))
 
     numbers = carried_out(of_rows, None, count * size)
     channels = [

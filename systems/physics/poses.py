@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, InputPort
 
 from parapod.systems.core.elementwise import length_of
-from parapod.systems.core.leaf_system import OfRows, RowsContext
+from parapod.systems.core.leaf_system import RowsContext
 from parapod.systems.core.ports import read_object
-from parapod.systems.core.rows import Index, number_of
+from parapod.systems.core.rows import Index, OfRows, number_of
 from parapod.systems.core.triples import minus, plus
 from parapod.systems.core.vectors import Axes, Vector3
 from parapod.systems.physics.loops import Ball

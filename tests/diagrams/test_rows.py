@@ -139,7 +139,7 @@ def simulated(circuit, set_row, count):
         for row in range(count):
             context = circuit.diagram.CreateDefaultContext()
             set_row(context, row)
-            yield context
+            yield circuit.diagram, context
 
     simulator = RowsSimulator(circuit.diagram, beginnings())
     for name, log in circuit.logs.items():
@@ -270,7 +270,7 @@ def test_a_continuous_state_is_refused_by_name():
     circuit.add(LinearSystem([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), source.get_output_port())
     circuit.build()
     with pytest.raises(ParapodError, match="LinearSystem' has no laws over rows: a continuous"):
-        RowsSimulator(circuit.diagram, [circuit.diagram.CreateDefaultContext()])
+        RowsSimulator(circuit.diagram, [(circuit.diagram, circuit.diagram.CreateDefaultContext())])
 
 
 def test_the_system_of_the_documents_takes_rows():

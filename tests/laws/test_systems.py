@@ -339,7 +339,7 @@ def test_rows_of_a_system_are_its_runs(specimen):
         for name, value in specimen.sample(np.random.default_rng(row)).items():
             diagram.GetInputPort(name).FixValue(contexts[-1], value)
     try:
-        rows = RowsSimulator(diagram, contexts)
+        rows = RowsSimulator(diagram, [(diagram, context) for context in contexts])
     except ParapodError as refusal:
         pytest.skip(str(refusal))
     rows.advance_to(until, until)

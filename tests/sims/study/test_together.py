@@ -1,8 +1,11 @@
 """Runs of a study that are simulated together."""
 
+import itertools
+
 import pytest
 
 import parapod
+from parapod.diagrams.side_by_side import LoopRows
 from parapod.sims.output.together import Granted, Together, Wish
 from parapod.sims.study.runs import carry_out_runs
 from parapod.sims.study.study import Study
@@ -19,15 +22,41 @@ def outcomes(vary, rows):
 
 @pytest.mark.parametrize("rows", [9, None])
 def test_runs_together_are_the_runs_alone(rows):
-    # 8 deg cannot be levelled; a height makes a structure of its own, of a few runs.
+    # 8 deg cannot be levelled; runs of each height have a loop of their own, alike.
     vary = {"ground.pitch_deg": "-1,8,2", "seed": "0:5", "job.height_mm": "476,478"}
     assert outcomes(vary, rows) == (alone := outcomes(vary, 1))
     assert [bool(outcome.error) for outcome in alone].count(True) == 10
     assert "would need an extension" in next(o.error for o in alone if o.error)
 
 
+@pytest.mark.parametrize("slow", [False, True])
+def test_rows_that_are_slower_than_drake_are_given_up(slow, monkeypatch):
+    """Nothing but the time differs, and others of the kind begin alone."""
+    times, simulated = itertools.cycle([1000.0, 1.0] if slow else [1.0, 1.0]), []
+
+    def timed(work):
+        work()
+        return next(times)
+
+    def made(loops, scenarios):
+        simulated.append(len(scenarios))
+        return LoopRows(loops, scenarios)
+
+    monkeypatch.setattr("parapod.sims.output.together._cpu_time", timed)
+    monkeypatch.setattr("parapod.sims.output.together.LoopRows", made)
+    vary = {"seed": "0:16"}
+    assert outcomes(vary, 8) == outcomes(vary, 1)
+    assert simulated == ([8] if slow else [8, 8])
+
+
 class Loop:
     """A loop for which nothing is simulated."""
+
+    def __init__(self, form):
+        self.form = form
+
+
+LOOPS = {form: Loop(form) for form in ("a", "even", "odd", "last")}
 
 
 def fake(simulated):
@@ -43,11 +72,11 @@ def fake(simulated):
     return grant
 
 
-def run(together, number, structures=("a",)):
-    """A run that simulates once for each structure."""
+def run(together, number, forms=("a",)):
+    """A run that simulates once for each form of a loop."""
 
     def work():
-        granted = [together.simulate(Wish(s, Loop(), number, 1.0)) for s in structures]
+        granted = [together.simulate(Wish(LOOPS[form], number, 1.0)) for form in forms]
         return number, [(g.recording, g.elapsed) for g in granted]
 
     return work
@@ -61,7 +90,7 @@ def simulated(monkeypatch):
     return runs
 
 
-def test_results_come_in_the_order_of_the_works_and_structures_apart(simulated):
+def test_results_come_in_the_order_of_the_works_and_forms_apart(simulated):
     together = Together()
     works = [run(together, i, ("even", "last") if i % 2 == 0 else ("odd",)) for i in range(5)]
     assert list(together.carry_out(works)) == [
@@ -101,4 +130,4 @@ def test_a_row_that_fails_raises_in_its_own_run(simulated):
 
 
 def test_outside_a_gathering_a_run_is_to_simulate_alone():
-    assert Together().simulate(Wish("a", Loop(), 1, 1.0)) is None
+    assert Together().simulate(Wish(LOOPS["a"], 1, 1.0)) is None
