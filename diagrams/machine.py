@@ -61,6 +61,10 @@ class MachineScenario(Schema):
     control: ControlScenario = field(default_factory=ControlScenario)
 
 
+# Of many rows arithmetic by NumPy takes most of the time, and arrays of more leave the caches;
+# MuJoCo takes as long for each row, whatever their number.
+_OVER_ROWS = {"kinematic": 1000, "mujoco": 100}
+
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]
 
 
@@ -92,6 +96,8 @@ class Machine[S]:
             each; None: there is none.
         resets: dotted keys of a scenario, or of whole parts of one, that `reset` of its loop takes
             over from another scenario; nothing that differs in these alone is built again.
+        over_rows: backends whose plants have laws over rows, with the number of runs that are
+            simulated together unless another one is asked for: more are no faster.
         variant: attributes that depend on the scenario, by their names; what is declared here is
             then that of the default scenario. Names and units of ports are always the same.
     """
@@ -111,6 +117,7 @@ class Machine[S]:
     view: MachineView = field(default_factory=MachineView)
     limits: Callable[[S], Limits] = lambda scenario: {}
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
+    over_rows: Mapping[str, int] = field(default_factory=lambda: dict(_OVER_ROWS))
     variant: Callable[[S], Mapping[str, Any]] | None = None
 
     def for_scenario(self, scenario: S) -> "Machine[S]":

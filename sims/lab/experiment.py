@@ -351,10 +351,11 @@ class LoopExperiment[S, D](Experiment[S, D]):
             return None
         return self.machine.structure(self.machine_scenario(scenario))
 
-    def takes_rows(self, scenario: S) -> bool:
-        """Whether its loop can be simulated together with those of other scenarios, as rows."""
+    def most_rows(self, scenario: S) -> int:
+        """Number of runs to be simulated together, as rows; 0: each is simulated alone."""
         settings: Any = scenario
-        return settings.backend == "kinematic" and bool(self.structure(scenario))
+        is_alone = settings.backend not in self.machine.plants or not self.structure(scenario)
+        return 0 if is_alone else self.machine.over_rows.get(settings.backend, 0)
 
     def operated(
         self, scenario: S, controls: Any, meshcat: Meshcat | None = None

@@ -113,7 +113,8 @@ class LocalCrew(Crew):
 
     def _pool(self, size: int) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(size, context, _begin_worker, (self._theirs,))
+        threads = max(1, (os.cpu_count() or 1) // size)
+        return ProcessPoolExecutor(size, context, _begin_worker, (self._theirs, threads))
 
     def begin(self) -> None:
         """Begins a process, and sees whether it lives."""
@@ -137,8 +138,14 @@ class LocalCrew(Crew):
         self._theirs.close()
 
 
-def _begin_worker(theirs: Connection) -> None:
-    """Lets a process end with the one that has begun it, and only with that one."""
+def _begin_worker(theirs: Connection, threads: int) -> None:
+    """Lets a process end with the one that has begun it, and only with that one.
+
+    Args:
+        theirs: connection whose other end the one that has begun it holds.
+        threads: number of threads that its libraries may use, so that all workers have a core.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", str(threads))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first one decides
 
     def watch() -> None:

@@ -6,6 +6,7 @@ alike are then simulated as rows. So an experiment need not know of the others.
 """
 
 import gc
+import sys
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -25,10 +26,8 @@ from parapod.systems.core.errors import ParapodError
 
 # Memory of a loop, those of rigid bodies with the engine's model [B].
 _LOOP = 6 * 2**20
-# Memory of the loops and recordings of all rows that are simulated at once [B], and the largest
-# number of rows where that is left to us: arrays of more are slower, as they leave the caches.
+# Memory of the loops and recordings of all rows that are simulated at once [B].
 _MEMORY = 768 * 2**20
-MOST_ROWS = 1000
 # Fewer rows than this are faster one after the other, in C++ in part.
 _FEWEST = 8
 # Times at which rows are looked at, whether they pay.
@@ -139,7 +138,7 @@ class Together:
         """Lets runs begin until there are enough of them."""
         guests: list[_Guest[R]] = []
         loops: set[int] = set()
-        memory, most = 0, self._rows or MOST_ROWS
+        memory, most = 0, self._rows or sys.maxsize
         for work in works:
             guest = _Guest(work, self._here)
             guest.begin()

@@ -15,7 +15,6 @@ from rich.console import Console
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.work import Crew
-from parapod.sims.output.together import MOST_ROWS
 from parapod.sims.study.campaign import campaign
 from parapod.sims.study.records import Records
 from parapod.sims.study.runs import Order, Software, carry_out_runs
@@ -149,16 +148,16 @@ class Study:
             NoWorkers: nothing carries out anything any more; what is done is in the file.
             AnotherVersion: a worker has other software.
         """
-        admitted = rows != 0 and self._takes_rows()
-        if rows and not admitted:
+        most = self._most_rows() if rows != 0 else 0
+        if rows and not most:
             raise ParapodError(
                 f"runs of '{self.entry.name}' on {self.tree['backend']} have no laws over rows: "
-                "those of a closed loop on kinematic have; rows must be 0 or auto"
+                "those of a closed loop on kinematic or mujoco have; rows must be 0 or auto"
             )
-        most = (rows or MOST_ROWS) if admitted else 1
-        work = partial(carry_out_runs, self.order, rows if admitted else 1)
+        together = rows if most else 1
+        work = partial(carry_out_runs, self.order, together)
         file = None if path is None else (path, self.as_json(), resume)
-        name, runs = self.entry.name, (crew, records, console, file, most, look)
+        name, runs = self.entry.name, (crew, records, console, file, together or most, look)
         with campaign(name, work, *runs) as work_out:
             work_out(self._in_order(np.flatnonzero(~records.done)))
 
@@ -172,13 +171,13 @@ class Study:
         ordered: list[int] = (runs[np.lexsort(codes)] if codes else runs).tolist()
         return ordered
 
-    def _takes_rows(self) -> bool:
-        """Whether runs can be simulated together."""
+    def _most_rows(self) -> int:
+        """Number of runs to be simulated together; 0: none are."""
         experiment = self.entry.load()
         if not isinstance(experiment, LoopExperiment):
-            return False
+            return 0
         scenario = self.order.scenario(experiment.schema, self.sampling.values(0))
-        return experiment.takes_rows(scenario)
+        return experiment.most_rows(scenario)
 
     def _is_built_in(self, variable: Variable) -> bool:
         """Whether loops of its values are of different structures."""

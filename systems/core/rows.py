@@ -79,6 +79,12 @@ class Mask:
     def __invert__(self) -> "Mask":
         return Mask(~self.flags)
 
+    def __eq__(self, other: Any) -> "Mask":  # type: ignore[override]
+        return Mask(self.flags == flags_of(other))
+
+    def __ne__(self, other: Any) -> "Mask":  # type: ignore[override]
+        return Mask(self.flags != flags_of(other))
+
     __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
 
     def logical_not(self) -> "Mask":

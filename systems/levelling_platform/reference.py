@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 from math import radians
 from operator import itemgetter
 from typing import Any, Literal, NamedTuple
@@ -10,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.elementwise import all_finite
+from parapod.systems.core.elementwise import all_finite, greatest, where
 from parapod.systems.core.errors import UnreachablePosture
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.core.rows import answer_of, batch_of
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import (
     forward_kinematics,
@@ -32,7 +34,7 @@ _SIZE = 27
 # Time to come to rest where the direct way to a command would leave the stroke [s].
 _BRAKE_TIME = 0.3
 # Points of a planned path that are checked.
-_CHECKS = np.linspace(0.0, 1.0, 17)
+_CHECKS = np.linspace(0.0, 1.0, 17).tolist()
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class PostureReferenceParams:
         """
         limits = (self.angle_rate, self.angle_rate, self.height_rate)
         moves = (1.875 * abs(d) / limit for d, limit in zip(way, limits, strict=True))
-        return max(self.shortest_move, *moves)
+        return reduce(greatest, moves, self.shortest_move)
 
 
 class PostureReference(LeafSystem):
@@ -158,43 +160,43 @@ class PostureReference(LeafSystem):
         else:
             start = (self._measured_posture(context).tolist(), [0.0] * 3, [0.0] * 3)
         if all_finite(start):
-            standing = _Standing(np.array(ground), np.array(read_or_zeros(self._offsets, context)))
-            discrete_state.set_value(self._plan(now, start, np.array(command), standing))
+            standing = _Standing(ground, read_or_zeros(self._offsets, context))
+            plan = self._plan(now, start, command, standing)
+            discrete_state.set_value(np.array(plan))
 
     def _plan(
         self,
         now: float,
         start: tuple[list[float], list[float], list[float]],
-        command: NDArray[np.float64],
+        command: list[float],
         standing: "_Standing",
-    ) -> NDArray[np.float64]:
+    ) -> list[float]:
         """State that leads from a position, rate and acceleration to the command."""
-        target = self._reachable(np.array(start[0]), command, standing)
+        target = self._reachable(start[0], command, standing)
         duration = self._params.duration(
             goal - at for at, goal in zip(start[0], target, strict=True)
         )
         state = _state(now, start, target, duration)
-        state[_COMMAND], state[_GROUND] = command, standing.ground
         if any(start[1]) and not self._stays_inside(state, standing):
             # At rest at the end of the way that braking takes.
-            way = 0.5 * _BRAKE_TIME * np.array(start[1])
-            state = _state(now, start, np.array(start[0]) + way, _BRAKE_TIME)
-            state[_COMMAND], state[_GROUND], state[_BRAKING] = command, standing.ground, 1.0
+            way = zip(start[0], start[1], strict=True)
+            end = [at + 0.5 * _BRAKE_TIME * rate for at, rate in way]
+            state = _state(now, start, end, _BRAKE_TIME)
+            state[_BRAKING] = 1.0
+        state[_COMMAND], state[_GROUND] = command, standing.ground
         return state
 
-    def _stays_inside(self, state: NDArray[np.float64], standing: "_Standing") -> bool:
+    def _stays_inside(self, plan: list[float], standing: "_Standing") -> bool:
         """Whether the legs reach all of a planned path."""
-        plan = state.tolist()
-        path = [_position(plan, plan[_START] + share * plan[_DURATION]) for share in _CHECKS]
-        extension = inverse_kinematics(self._geometry, path, *standing, on_unreachable="nan")
-        return all_finite(extension)
+        times = (plan[_START] + share * plan[_DURATION] for share in _CHECKS)
+        path = np.stack([batch_of(_position(plan, time)) for time in times], axis=-2)
+        ground, offsets = (batch_of(numbers)[..., np.newaxis, :] for numbers in standing)
+        extension = inverse_kinematics(self._geometry, path, ground, offsets, on_unreachable="nan")
+        return bool(answer_of(np.isfinite(extension).all(axis=(-2, -1))))
 
     def _reachable(
-        self,
-        start: NDArray[np.float64],
-        command: NDArray[np.float64],
-        standing: "_Standing",
-    ) -> NDArray[np.float64]:
+        self, start: list[float], command: list[float], standing: "_Standing"
+    ) -> list[float]:
         """The command, or what `on_unreachable` asks for where the legs do not reach it."""
         try:
             inverse_kinematics(self._geometry, command, *standing)
@@ -205,35 +207,36 @@ class PostureReference(LeafSystem):
                     error.leg,
                     error.extension,
                     error.admissible,
-                    hint=describe_range(self._geometry, command, *standing),
+                    hint=describe_range(self._geometry, np.array(command), *standing),
                 ) from None
         # Height gives way first, and only where no height will do the angles.
         shares = np.linspace(1.0, 0.0, 129)[:, np.newaxis]
-        attitudes = start[:2] + shares * (command[:2] - start[:2])
+        attitudes = start[:2] + shares * (np.array(command[:2]) - start[:2])
         low, high = height_range(self._geometry, attitudes, *standing).T
         fits = np.flatnonzero(low <= high)
         if not fits.size:
             return start
         best = fits[0]
-        return np.array([*attitudes[best], np.clip(command[2], low[best], high[best])])
+        height = float(np.clip(command[2], low[best], high[best]))
+        return [*attitudes[best].tolist(), height]
 
 
 class _Standing(NamedTuple):
     """Ground under the feet."""
 
-    ground: NDArray[np.float64]
-    foot_offsets: NDArray[np.float64]
+    ground: list[float]
+    foot_offsets: list[float]
 
 
 def describe_range(
     geometry: PlatformGeometry,
     posture: NDArray[np.float64],
-    ground: NDArray[np.float64],
+    ground: ArrayLike,
     foot_offsets: ArrayLike = (0.0, 0.0, 0.0, 0.0),
 ) -> str:
     """Describe the heights that can be reached at an attitude, as the end of an error's line."""
     low, high = height_range(geometry, posture[:2], ground, foot_offsets)
-    roll, pitch, ground_roll, ground_pitch = np.degrees([*posture[:2], *ground])
+    roll, pitch, ground_roll, ground_pitch = np.degrees([*posture[:2], *np.asarray(ground)])
     at = (
         f"at roll {roll:.2f}, pitch {pitch:.2f} deg on ground estimated at "
         f"roll {ground_roll:.2f}, pitch {ground_pitch:.2f} deg"
@@ -269,12 +272,12 @@ def _quintics(
 def _state(
     now: float,
     start: tuple[list[float], list[float], list[float]],
-    target: NDArray[np.float64],
+    target: list[float],
     duration: float,
-) -> NDArray[np.float64]:
+) -> list[float]:
     """State of a plan that begins now and ends at rest at the target."""
-    state = np.zeros(_SIZE)
-    state[_COEFFICIENTS] = _quintics(*start, target.tolist(), duration)
+    state = [0.0] * _SIZE
+    state[_COEFFICIENTS] = _quintics(*start, target, duration)
     state[_START], state[_DURATION], state[_STARTED] = now, duration, 1.0
     return state
 
@@ -282,7 +285,8 @@ def _state(
 def _elapsed(state: list[float], time: float) -> float:
     """Time since the plan began; it stops at the plan's end, where the reference rests."""
     elapsed, duration = time - state[_START], state[_DURATION]
-    return (elapsed if elapsed < duration else duration) if elapsed > 0.0 else 0.0
+    inside: float = where(elapsed < duration, elapsed, duration)
+    return where(elapsed > 0.0, inside, 0.0)
 
 
 def _position(state: list[float], time: float) -> list[float]:

@@ -11,7 +11,8 @@ from pydrake.systems.framework import Context
 
 from parapod.systems.core.elementwise import all_finite
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import elements, is_on, read, read_array, read_or_zeros
+from parapod.systems.core.ports import elements, is_on, read, read_or_zeros
+from parapod.systems.core.rows import batch_of, number_of
 from parapod.systems.levelling_platform.geometry import LEG_COUNT, PlatformGeometry
 from parapod.systems.levelling_platform.kinematics import inverse_kinematics
 from parapod.systems.levelling_platform.supervisor import Command, Phase
@@ -106,7 +107,7 @@ class PostureScript(LeafSystem):
 
     def _begin_or_end(self, context: Context, discrete_state: Any, enabled: bool) -> None:
         """Begins the script once the ground is known; ends it at the level posture."""
-        ground = read_array(self._ground, context)
+        ground = read(self._ground, context)
         if enabled and not all_finite(ground):
             return
         offsets = read_or_zeros(self._offsets, context)
@@ -136,19 +137,20 @@ class PostureScript(LeafSystem):
             self._height + scale * waypoint.height,
         ]
 
-    def _fit(self, ground: NDArray[np.float64], offsets: Sequence[float]) -> float:
+    def _fit(self, ground: Sequence[float], offsets: Sequence[float]) -> float:
         """Largest factor of 0, 0.01, ... 1 with which the legs reach every waypoint."""
         if not self._waypoints:
             return 1.0
         scales = np.linspace(1.0, 0.0, 101)
         postures = np.array([[self._posture(w, s) for w in self._waypoints] for s in scales])
-        extension = inverse_kinematics(
-            self._geometry, postures, ground, offsets, on_unreachable="nan"
-        )
+        at, above = (batch_of(n)[..., np.newaxis, np.newaxis, :] for n in (ground, offsets))
+        extension = inverse_kinematics(self._geometry, postures, at, above, "nan")
         low = self._geometry.extension_min + self._margin
         high = self._geometry.extension_max - self._margin
-        fits = ((extension >= low) & (extension <= high)).all(axis=(1, 2))
-        return float(scales[int(np.argmax(fits))]) if fits.any() else 0.0
+        fits = ((extension >= low) & (extension <= high)).all(axis=(-2, -1))
+        largest = scales[np.argmax(fits, axis=-1)]
+        scale: float = number_of(np.where(fits.any(axis=-1), largest, 0.0))
+        return scale
 
 
 @dataclass(frozen=True)

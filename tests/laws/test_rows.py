@@ -27,7 +27,7 @@ def loops():
     for entry in list_entries():
         experiment = entry.load()
         if isinstance(experiment, LoopExperiment):
-            for backend in UNTIL.keys() & experiment.machine.plants:
+            for backend in experiment.machine.over_rows.keys() & experiment.machine.plants:
                 yield entry.name, backend
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, PortDataType
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem, PortDataType
 
+import parapod
 from parapod.diagrams.rows import RowsSimulator
 from parapod.systems.core.errors import ParapodError
 
@@ -323,21 +324,55 @@ def test_what_is_desired_begins_where_something_is_measured(system_kind):
     np.testing.assert_allclose(shown, expected(given), rtol=0.0, atol=1e-4)
 
 
+class Course(parapod.LeafSystem):
+    """One value until a time, and then another one."""
+
+    def __init__(self, size, turn):
+        super().__init__()
+        self._turn = turn
+        values = [self.DeclareNumericParameter(BasicVector(size)) for _ in range(2)]
+        self._values = values
+        tickets = {self.time_ticket(), self.all_parameters_ticket()}
+        self.DeclareVectorOutputPort("value", size, self._calc, tickets)
+
+    def _calc(self, context, output):
+        value = self._values[context.get_time() >= self._turn]
+        output.SetFromVector(context.get_numeric_parameter(value).value())
+
+
 def test_rows_of_a_system_are_its_runs(specimen):
     """Whatever comes in, row by row; one that fails does so in its run too, and alone."""
     system = specimen.kind.make(**specimen._arguments)
+    update = system.GetUniquePeriodicDiscreteUpdateAttribute()
+    period, offset = (0.1, 0.0) if update is None else (update.period_sec(), update.offset_sec())
+    begin, turn, until = (offset + share * period for share in (2.5, 4.5, 7.5))
     builder = DiagramBuilder()
     builder.AddNamedSystem("system", system)
+    courses = {}
     for name in specimen.inputs:
-        builder.ExportInput(system.GetInputPort(name), name)
+        port = system.GetInputPort(name)
+        if port.get_data_type() == PortDataType.kAbstractValued:
+            pytest.skip(f"'{name}' has no numbers")
+        courses[name] = builder.AddNamedSystem(name, Course(port.size(), turn))
+        builder.Connect(courses[name].get_output_port(), port)
     diagram = builder.Build()
-    update = system.GetUniquePeriodicDiscreteUpdateAttribute()
-    until = 0.1 if update is None else 3.5 * update.period_sec() + update.offset_sec()
+
+    def steer(context, seed):
+        samples = [specimen.sample(np.random.default_rng([seed, part])) for part in range(2)]
+        for name, course in courses.items():
+            own = course.GetMyMutableContextFromRoot(context)
+            for part, sample in enumerate(samples):
+                own.get_mutable_numeric_parameter(part).SetFromVector(sample[name])
+
     contexts = []
-    for row in range(4):
+    for row in range(6):
         contexts.append(diagram.CreateDefaultContext())
-        for name, value in specimen.sample(np.random.default_rng(row)).items():
-            diagram.GetInputPort(name).FixValue(contexts[-1], value)
+        if row % 2:  # rows have pasts of their own
+            steer(contexts[-1], 10 + row)
+            with suppress(Exception):
+                Simulator(diagram, contexts[-1]).AdvanceTo(begin)
+        contexts[-1].SetTime(begin)
+        steer(contexts[-1], row)
     try:
         rows = RowsSimulator(diagram, [(diagram, context) for context in contexts])
     except ParapodError as refusal:

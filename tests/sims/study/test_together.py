@@ -29,6 +29,18 @@ def test_runs_together_are_the_runs_alone(rows):
     assert "would need an extension" in next(o.error for o in alone if o.error)
 
 
+def test_bodies_together_are_the_bodies_alone():
+    """By MuJoCo, each with errors in its legs."""
+    pytest.importorskip("mujoco")
+    bodies = ("backend=mujoco", "plant.leg_model=reduced", "plant.time_step=0.005",
+              "plant.length_error_mm=0.3")  # fmt: skip
+    study = Study.make("level", parapod.scenario("level", *BRIEF[1:], *bodies), {"seed": "0:9"})
+    pieces = [(run, study.sampling.values(run)) for run in range(study.sampling.runs)]
+    together, alone = (carry_out_runs(study.order, rows, pieces) for rows in (9, 1))
+    assert together == alone
+    assert not any(outcome.error for outcome in alone)
+
+
 @pytest.mark.parametrize("slow", [False, True])
 def test_rows_that_are_slower_than_drake_are_given_up(slow, monkeypatch):
     """Nothing but the time differs, and others of the kind begin alone."""

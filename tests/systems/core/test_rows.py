@@ -89,6 +89,12 @@ LAWS = {
     "answers": lambda a, b, c: where(
         either(both(a > 0.0, b > 0.0), negated(is_finite(c))), a, where(a == b, 1.0, c)
     ),
+    "answers compared": lambda a, b, c: (
+        1.0 if (a > 0.0) == (b > 0.0) else 2.0,
+        1.0 if (a > 0.0) != (b > 0.0) else 2.0,
+        1.0 if bool(c == c) == (a > 0.5) else 2.0,
+        1.0 if (a > 0.5) != True else 2.0,  # noqa: E712
+    ),
     "ways": lambda a, b, c: (a if a > b else b * c) if c > 0.0 else (-a if a != b else 0.0),
     "finite": lambda a, b, c: (
         a if all_finite([[a, b], [b, c]]) else 0.0,
