@@ -6,15 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import BasicVector, Context
 
-from parapod.systems.core.batching import row_by_row
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.ports import batch, declare_cached, read_batch
+from parapod.systems.core.quaternions import of_angles
 from parapod.systems.core.rows import answer_of
-from parapod.systems.core.vectors import product
+from parapod.systems.core.vectors import product, rotation_columns
 from parapod.systems.walking_chair.chair import corners_in_body
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry, by_legs
 from parapod.systems.walking_chair.leg import up_of_lengths
@@ -40,8 +39,7 @@ class _Stance(NamedTuple):
     @property
     def passenger_pose(self) -> NDArray[np.float64]:
         """Calculated on demand, as for drawings."""
-        turn = row_by_row(_rotation, 1, self.body_attitude)
-        place = self.body_position + product(turn, self.seat)
+        place = self.body_position + product(_rotation(self.body_attitude), self.seat)
         return np.concatenate((self.body_pose[..., :4], place), axis=-1)
 
 
@@ -166,14 +164,17 @@ class KinematicChair(LeafSystem):
         flat = corners.reshape(*batch_shape, _CORNERS, 3)
         vertical = force_map_at(self._geometry, up)[..., 2]
         foot_weight = self._masses.foot_end * GRAVITY
-        at_rest = rest(flat, vertical, mass * GRAVITY, centre, foot_weight, self._stiffness)
+        carried = batch(context.get_discrete_state(1), context)[..., 2 * _CORNERS :] > 0.5
+        at_rest = rest(
+            flat, vertical, mass * GRAVITY, centre, foot_weight, self._stiffness, carried
+        )
         tilt = np.stack((at_rest.roll, at_rest.pitch, np.zeros_like(at_rest.roll)), axis=-1)
-        places = (flat @ row_by_row(_rotation_back, 1, tilt))[..., :2]
+        places = (flat @ np.swapaxes(_rotation(tilt), -1, -2))[..., :2]
         carry = at_rest.loads > 0.0
         x_y, yaw = self._place(context, places, np.where(carry, at_rest.loads, 0.0))
         attitude = np.concatenate((tilt[..., :2], yaw), axis=-1)
         position = np.concatenate((x_y, at_rest.height[..., np.newaxis]), axis=-1)
-        turn = row_by_row(_quaternion, 1, attitude)
+        turn = np.stack(of_angles(*np.moveaxis(attitude, -1, 0)), axis=-1)
         heading_T = np.swapaxes(_heading(yaw[..., 0]), -1, -2)
         return _Stance(
             position,
@@ -233,17 +234,9 @@ def _numbers(passenger: Passenger) -> NDArray[np.float64]:
 
 
 def _rotation(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
-    matrix: Any = RollPitchYaw(attitude).ToRotationMatrix().matrix()
-    return matrix
-
-
-def _rotation_back(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
-    return _rotation(attitude).T
-
-
-def _quaternion(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
-    wxyz: Any = RollPitchYaw(attitude).ToQuaternion().wxyz()
-    return wxyz
+    """(..., 3, 3) rotations by roll, pitch and yaw (..., 3)."""
+    columns = rotation_columns(*np.moveaxis(attitude, -1, 0))
+    return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
 def _heading(yaw: NDArray[np.float64]) -> NDArray[np.float64]:

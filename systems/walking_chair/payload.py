@@ -27,7 +27,7 @@ from parapod.systems.core.rows import answer_of
 from parapod.systems.walking_chair.geometry import BRANCHES, LEG_COUNT, ChairGeometry, by_legs
 from parapod.systems.walking_chair.leg import leg_corners, up_of_lengths
 from parapod.systems.walking_chair.masses import ChairMasses
-from parapod.systems.walking_chair.statics import corner_jacobians
+from parapod.systems.walking_chair.rates import corner_jacobians
 
 # F_N of Eq. (53) [N].
 FORCE_LIMIT = 427.3

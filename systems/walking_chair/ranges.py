@@ -19,7 +19,8 @@ from parapod.systems.walking_chair.leg import (
     leg_corners,
     up_of_lengths,
 )
-from parapod.systems.walking_chair.statics import corner_jacobians, force_map
+from parapod.systems.walking_chair.rates import corner_jacobians
+from parapod.systems.walking_chair.statics import force_map
 
 # A length that was computed for an actuator at its stroke's end is admissible, by the stroke [-].
 _ROUNDING = 1e-9

@@ -112,6 +112,13 @@ def _posture(geometry: LegGeometry, point: ArrayLike, reference: Reference) -> _
     up = up_branch(geometry, point, reference)
     corner = carried(geometry, up, reference_corner(geometry, reference))
     up_by_corner = inverse(carried_jacobian(up, corner))
+    ends, ends_by_up, lengths, directions, lengths_by_up = _branches(geometry, up)
+    jacobian = lengths_by_up @ up_by_corner
+    return _Posture(up, corner, up_by_corner, ends, ends_by_up, lengths, directions, jacobian)
+
+
+def _branches(geometry: LegGeometry, up: Array) -> tuple[Array, ...]:
+    """Ends of the UPS branches by `up`; lengths, directions; derivatives of all lengths."""
     both = up[..., np.newaxis, :]
     ends = carried(geometry, both, geometry.lower_joints[1:])
     ends_by_up = carried_jacobian(both, ends)
@@ -119,8 +126,26 @@ def _posture(geometry: LegGeometry, point: ArrayLike, reference: Reference) -> _
     lengths = np.linalg.norm(vectors, axis=-1)
     directions = vectors / lengths[..., np.newaxis]
     ups_rows = np.einsum("...ki,...kij->...kj", directions, ends_by_up)
-    jacobian = _with_up_row(ups_rows, 1.0) @ up_by_corner
-    return _Posture(up, corner, up_by_corner, ends, ends_by_up, lengths, directions, jacobian)
+    return ends, ends_by_up, lengths, directions, _with_up_row(ups_rows, 1.0)
+
+
+@nan_without_warning
+def corner_jacobians(geometry: LegGeometry, up: ArrayLike) -> NDArray[np.float64]:
+    """Derivatives G_j of the foot's corners by the branches' lengths.
+
+    Args:
+        geometry: the leg.
+        up: (..., 3) coordinates of the UP branch [m, rad, rad].
+
+    Returns:
+        (..., 3, 3, 3): corner, axis of {A1}, branch.
+    """
+    up = of_width(up, 3, "up")
+    *_, lengths_by_up = _branches(geometry, up)
+    both = up[..., np.newaxis, :]
+    corners_by_up = carried_jacobian(both, carried(geometry, both, geometry.corners))
+    jacobians: Array = corners_by_up @ inverse(lengths_by_up)[..., np.newaxis, :, :]
+    return jacobians
 
 
 def _jacobian_rate(posture: _Posture, velocity: Array) -> Array:

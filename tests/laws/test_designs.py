@@ -40,7 +40,8 @@ from parapod.systems.walking_chair.chair import foot_corners
 from parapod.systems.walking_chair.gait import gait_branches
 from parapod.systems.walking_chair.leg import leg_forward, leg_inverse
 from parapod.systems.walking_chair.masses import Passenger, centre_of_mass
-from parapod.systems.walking_chair.statics import STIFFNESS, corner_jacobians, force_map, rest
+from parapod.systems.walking_chair.rates import corner_jacobians
+from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
 from parapod.systems.walking_chair.support import GaitSupport
 from parapod.systems.walking_chair.trajectories import Motion
 

@@ -8,7 +8,8 @@ from parapod.systems.walking_chair.chair import chair_inverse, foot_corners
 from parapod.systems.walking_chair.gait import TrotGait, gait_branches, gait_motion
 from parapod.systems.walking_chair.geometry import ChairGeometry
 from parapod.systems.walking_chair.leg import branch_lengths, leg_corners
-from parapod.systems.walking_chair.statics import STIFFNESS, corner_jacobians, force_map, rest
+from parapod.systems.walking_chair.rates import corner_jacobians
+from parapod.systems.walking_chair.statics import STIFFNESS, force_map, rest
 
 CHAIR, GAIT = ChairGeometry(), TrotGait()
 LEG = CHAIR.leg
