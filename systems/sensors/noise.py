@@ -11,9 +11,9 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.rows import Rows, array_of, by_library
 
-# Samples that are computed at once: about a second of an inertial sensor.
-_BLOCK = 128
-_KEPT_BLOCKS = 32  # for contexts of one seed that are at different times
+# Numbers that are computed at once: of fewer the calls take longer than the numbers.
+_BLOCK = 6144
+_KEPT_BLOCKS = 8  # for contexts of one seed that are at different times
 _KEPT_STREAMS = 16
 _KEPT_MANY = 2  # sets of seeds, one a machine
 _SAME_INSTANT = 1e-6  # [periods]
@@ -105,24 +105,33 @@ class _Stream:
     method on two 53-bit fractions, each made of two words of the Mersenne Twister.
     """
 
-    def __init__(self, seed: int, size: int, kept: int = _KEPT_BLOCKS):
-        self._seed, self._size, self._kept = seed, size, kept
+    def __init__(self, seed: int, size: int):
+        self._seed, self._size = seed, size
+        self._length = _length_of_block(size)
         self._lock = Lock()
         self._restart()
 
     def sample(self, number: int) -> NDArray[np.float64]:
-        block, row = divmod(number, _BLOCK)
-        return self.block(block)[row]
-
-    def block(self, block: int) -> NDArray[np.float64]:
-        if (block_kept := self._blocks.get(block)) is not None:
-            return block_kept
+        place, row = divmod(number, self._length)
+        if (kept := self._blocks.get(place)) is not None:
+            return kept[row]
         with self._lock:
-            if block < self._next and block not in self._blocks:
+            if place < self._next and place not in self._blocks:
                 self._restart()
-            while block >= self._next:
-                self._append()
-            return self._blocks[block]
+            while place >= self._next:
+                block = self._following()
+                block.setflags(write=False)
+                self._blocks[self._next - 1] = block
+                self._blocks.pop(self._next - 1 - _KEPT_BLOCKS, None)
+            return self._blocks[place][row]
+
+    def block(self, place: int) -> NDArray[np.float64]:
+        """A block (samples, size), which is not kept."""
+        if place < self._next:
+            self._restart()
+        while place > self._next:
+            self._following()
+        return self._following()
 
     def _restart(self) -> None:
         # A source of Drake draws the seed of its own generator from the one that it is given.
@@ -132,37 +141,39 @@ class _Stream:
         self._blocks: dict[int, NDArray[np.float64]] = {}
         self._next = 0
 
-    def _append(self) -> None:
-        """Computes the next block and forgets the oldest one."""
-        count = _BLOCK * self._size
+    def _following(self) -> NDArray[np.float64]:
+        """Computes the next block."""
+        count = self._length * self._size
         parts, missing = [self._rest], count - self._rest.size
         while missing > 0:
             parts.append(_normals(self._generator, missing))
             missing -= parts[-1].size
         numbers = np.concatenate(parts)
         self._rest = numbers[count:]
-        block = numbers[:count].reshape(_BLOCK, self._size)
-        block.setflags(write=False)
-        self._blocks[self._next] = block
-        self._blocks.pop(self._next - self._kept, None)
         self._next += 1
+        return numbers[:count].reshape(self._length, self._size)
 
 
 class _Streams:
     """The samples of many seeds, of which the newest block is kept."""
 
     def __init__(self, seeds: NDArray[np.float64], size: int):
-        self._streams = [_Stream(int(seed), size, kept=1) for seed in seeds]
-        self._block: tuple[int, NDArray[np.float64]] = (-1, np.empty(0))
+        self._streams = [_Stream(int(seed), size) for seed in seeds]
+        self._length = _length_of_block(size)
+        self._place, self._block = -1, np.empty((self._length, size, len(seeds)))
 
     def samples(self, number: int) -> NDArray[np.float64]:
-        """The sample (size, seeds) of a number."""
-        block, row = divmod(number, _BLOCK)
-        if (kept := self._block)[0] != block:
-            blocks = [stream.block(block) for stream in self._streams]
-            kept = self._block = block, np.stack(blocks, axis=-1)
-        sample: NDArray[np.float64] = kept[1][row]
+        """The sample (size, seeds) of a number; not to be changed."""
+        place, row = divmod(number, self._length)
+        if place != self._place:
+            blocks = [stream.block(place) for stream in self._streams]
+            self._place, self._block = place, np.stack(blocks, axis=-1)
+        sample: NDArray[np.float64] = self._block[row]
         return sample
+
+
+def _length_of_block(size: int) -> int:
+    return max(1, _BLOCK // size)
 
 
 @functools.lru_cache(maxsize=_KEPT_MANY)
