@@ -34,6 +34,7 @@ class _Case:
         settings: settings of the scenario.
         cores: number of threads that the plant's engine has.
         varied: key of which each row has another value, so that it has a machine of its own.
+        on_grounds: whether each row stands on another ground, of up to 3 deg.
     """
 
     name: str
@@ -45,6 +46,7 @@ class _Case:
     settings: tuple[str, ...] = ("backend=kinematic",)
     cores: int = 1
     varied: str = ""
+    on_grounds: bool = False
 
 
 _REDUCED = ("backend=mujoco", "plant.leg_model=reduced", "plant.time_step=0.005")
@@ -57,6 +59,17 @@ _CASES = (
     _Case("chair-walk", "chair-walk", 2.0, (10, 300), 300, 1000.0),
     _Case("centre-walk", "centre-walk", 2.0, (10, 300), 300, 1000.0),
     _Case("bench-walk", "bench-walk", 1.0, (10, 300), 300, 1000.0),
+    _Case(
+        "level, MuJoCo, reduced legs, two cores, grounds",
+        "level",
+        2.0,
+        (256,),
+        256,
+        300.0,
+        _REDUCED,
+        2,
+        on_grounds=True,
+    ),
     _Case("level, MuJoCo, reduced legs, two cores", "level", 2.0, (256,), 256, 300.0, _REDUCED, 2),
     _Case("level, MuJoCo, two cores", "level", 0.5, (256,), 256, 40.0, ("backend=mujoco",), 2),
     _Case(
@@ -131,6 +144,9 @@ def _scenario(case: _Case, row: int) -> Any:
         for part in case.varied.split("."):
             usual = getattr(usual, part)
         settings.append(f"{case.varied}={usual * (1.0 + 1e-5 * row)}")
+    if case.on_grounds:
+        roll, pitch = (6.0 * (row * share % 1.0) - 3.0 for share in (0.618034, 0.414214))
+        settings += [f"ground.roll_deg={roll:.4f}", f"ground.pitch_deg={pitch:.4f}"]
     return parapod.scenario(case.experiment, *settings)
 
 

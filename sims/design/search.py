@@ -22,17 +22,26 @@ from parapod.sims.design.goals import Goal, Hold, check_names
 from parapod.sims.design.optimisers import minimise
 from parapod.sims.lab.discovery import Entry, find_entry
 from parapod.sims.lab.experiment import LoopExperiment
-from parapod.sims.lab.work import Crew, on_each
+from parapod.sims.lab.work import Crew
 from parapod.sims.output.results import Metric
+from parapod.sims.output.together import Together
 from parapod.sims.sheet.sheet import AnySheet, find_sheet
 from parapod.sims.study.campaign import campaign
 from parapod.sims.study.records import Records
-from parapod.sims.study.runs import Order, Outcome, Software, open_shop, outcome_of
+from parapod.sims.study.runs import (
+    Order,
+    Outcome,
+    Piece,
+    Shop,
+    Software,
+    open_shop,
+    outcome_of,
+)
 from parapod.sims.study.sampling import Sampling
 from parapod.sims.study.variables import Variable, read_variables
 from parapod.systems.core.errors import OutputError, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
-from parapod.systems.core.schema import checked
+from parapod.systems.core.schema import build, checked
 
 type Array = NDArray[np.float64]
 
@@ -194,7 +203,8 @@ class Search:
 
     def evaluate(self, values: Sequence[Any]) -> Outcome:
         """Works out one design here."""
-        return evaluate(self.order, (-1, tuple(values)))
+        (outcome,) = carry_out_designs(self.order, 1, [(-1, tuple(values))])
+        return outcome
 
     def check_variables(self) -> None:
         """Refuses a variable on which nothing depends that is asked for.
@@ -238,9 +248,10 @@ class Search:
             AnotherVersion: a worker has other software.
             MissingExtra: several objectives need pymoo, which is not installed.
         """
-        work = partial(on_each, partial(evaluate, self.order))
+        most = self._most_rows()
+        work = partial(carry_out_designs, self.order, None if most else 1)
         file = None if path is None else (path, self.as_json(), resume)
-        with campaign("designs", work, crew, records, console, file) as work_out:
+        with campaign("designs", work, crew, records, console, file, most or 1) as work_out:
             numbers = itertools.count()
 
             def score(shares: Array) -> tuple[Array, Array]:
@@ -252,6 +263,17 @@ class Search:
                 return self.scores(records, runs)
 
             minimise(score, self._start(), len(self.goals), self.sampling.runs, self.sampling.seed)
+
+    def _most_rows(self) -> int:
+        """Number of designs whose loops are simulated together; 0: none are."""
+        most = 0
+        for name in self.order.experiments:
+            experiment = find_entry(name).load()
+            if isinstance(experiment, LoopExperiment):
+                is_own = name == self.entry.name
+                scenario = build(experiment.schema, self.tree) if is_own else experiment.schema()
+                most = max(most, experiment.most_rows(scenario))
+        return most
 
     def _start(self) -> Array:
         """Shares (population, variables) of the first designs; the first one is as it is set."""
@@ -297,27 +319,45 @@ class DesignOrder(Order):
 
     names: tuple[str, ...] = ()
 
+    @property
+    def experiments(self) -> tuple[str, ...]:
+        """Experiments of which results are asked for."""
+        return tuple(dict.fromkeys(name.partition(":")[0] for name in self.names if ":" in name))
 
-def evaluate(order: DesignOrder, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
-    """Works out a design; what it refuses and where it fails is its outcome too.
+
+def carry_out_designs(
+    order: DesignOrder, rows: int | None, pieces: Sequence[Piece]
+) -> list[Outcome]:
+    """Works out designs; what one refuses and where it fails is its outcome too.
 
     Args:
         order: facts that all designs share.
-        piece: number of the design, and the values of its variables.
+        rows: largest number of designs whose loops are simulated together; None: as many as are
+            fast.
+        pieces: number of each design, and the values of its variables.
 
     Raises:
         AnotherVersion: the software here is not that of the order.
     """
+    names = {order.experiment, *order.experiments}
+    shops = {name: open_shop(replace(order, experiment=name)) for name in names}
+    together = Together(rows)
+    works = [partial(_worked_out, order, shops, together, piece) for piece in pieces]
+    return list(together.carry_out(works))
+
+
+def _worked_out(
+    order: DesignOrder, shops: Mapping[str, Shop], together: Together, piece: Piece
+) -> Outcome:
     run, values = piece
-    shop = open_shop(order)
 
     def work() -> tuple[Metric, ...]:
-        experiment: Any = shop.experiment
+        experiment: Any = shops[order.experiment].experiment
         scenario = order.scenario(experiment.schema, values)
         settings = experiment.machine_scenario(scenario)
         check_design(settings.machine)
         sheet = find_sheet(experiment.machine.name)(settings)
-        entries, results = sheet.entries(), _Results(scenario.machine, order, scenario)
+        entries, results = sheet.entries(), _Results(order, shops, together, scenario)
         metrics = []
         for name in order.names:
             if name in entries:
@@ -333,8 +373,15 @@ def evaluate(order: DesignOrder, piece: tuple[int, tuple[Any, ...]]) -> Outcome:
 class _Results:
     """Results of experiments with a machine, each run once."""
 
-    def __init__(self, machine: Any, order: DesignOrder, scenario: Any):
-        self._machine, self._order, self._scenario = machine, order, scenario
+    def __init__(
+        self,
+        order: DesignOrder,
+        shops: Mapping[str, Shop],
+        together: Together,
+        scenario: Any,
+    ):
+        self._order, self._shops, self._together = order, shops, together
+        self._scenario = scenario
         self._metrics: dict[str, dict[str, Metric]] = {}
 
     def metric(self, name: str) -> Metric:
@@ -354,15 +401,16 @@ class _Results:
         return replace(metrics[key], key=name, bound=None, at_least=None)
 
     def _run(self, name: str) -> dict[str, Metric]:
-        shop = open_shop(replace(self._order, experiment=name))
+        shop = self._shops[name]
         scenario: Any = self._scenario
         if name != self._order.experiment:
-            entry = find_entry(name)
-            scenario = load_scenario(shop.experiment.schema, entry.default_scenario)
-            if type(getattr(scenario, "machine", None)) is not type(self._machine):
+            scenario = load_scenario(shop.experiment.schema, find_entry(name).default_scenario)
+            machine = self._scenario.machine
+            if type(getattr(scenario, "machine", None)) is not type(machine):
                 raise ScenarioError(f"'{name}' is not an experiment of this machine")
-            scenario.machine = self._machine
-        result = shop.experiment.execute(scenario, shop.options)
+            scenario.machine = machine
+        options = replace(shop.options, together=self._together)
+        result = shop.experiment.execute(scenario, options)
         return {metric.key: metric for metric in result.metrics if not metric.is_timing}
 
 

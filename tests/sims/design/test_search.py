@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import parapod
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
+from parapod.diagrams.side_by_side import LoopRows
 from parapod.sims.cli.main import main
 from parapod.sims.design.goals import Goal, Hold, front_of
 from parapod.sims.design.result import SearchResult
-from parapod.sims.design.search import Search
+from parapod.sims.design.search import Search, carry_out_designs
 from parapod.sims.lab.work import Crew
 from parapod.sims.levelling_platform.sheet import PlatformSheet
 from parapod.sims.study.records import Records
@@ -41,6 +43,32 @@ def carried_out(search, **options):
 @pytest.fixture(scope="module")
 def two_goals():
     return carried_out(search_for([STEEP, SMALL], designs=120, population=20))
+
+
+# Designs with results of runs
+
+
+def test_runs_of_designs_are_simulated_together_and_are_those_alone(monkeypatch):
+    """Each with legs of its own."""
+    simulated = []
+
+    def made(loops, scenarios):
+        simulated.append(len({id(loop) for loop in loops}))
+        return LoopRows(loops, scenarios)
+
+    monkeypatch.setattr("parapod.sims.output.together.LoopRows", made)
+    scenario = parapod.scenario("level", "backend=kinematic", "job.estimate_at=0.5", "job.end=1.5",
+                                "job.settled_after=0.5", "job.waypoints=[]",
+                                "job.arm={start: 0.5, duration: 0.5}")  # fmt: skip
+    goals = [Goal("level:roll_error_deg", 1.0), SMALL]
+    search = Search.make("level", scenario, VARY, goals, designs=20, population=20)
+    designs = [(i, (395.0 + i, 438.0 + 0.5 * i)) for i in range(9)] + [(9, (395.0, 2000.0))]
+    together, alone = (carry_out_designs(search.order, rows, designs) for rows in (None, 1))
+    assert together == alone
+    assert simulated == [9]
+    assert [bool(outcome.error) for outcome in alone] == [False] * 9 + [True]
+    errors = [outcome.metrics[0].value for outcome in alone[:-1]]
+    assert len(set(errors)) == len(errors)
 
 
 # Fronts
