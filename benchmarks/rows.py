@@ -56,9 +56,9 @@ _CASES = (
     _Case(
         "level, each its own legs", "level", 4.0, (100,), 100, 500.0, varied="machine.legs.l_4_mm"
     ),
-    _Case("chair-walk", "chair-walk", 2.0, (10, 300), 300, 1000.0),
-    _Case("centre-walk", "centre-walk", 2.0, (10, 300), 300, 1000.0),
-    _Case("bench-walk", "bench-walk", 1.0, (10, 300), 300, 1000.0),
+    _Case("chair-walk", "chair-walk", 2.0, (10, 300, 1000), 1000, 1000.0),
+    _Case("centre-walk", "centre-walk", 2.0, (10, 300, 1000), 1000, 1000.0),
+    _Case("bench-walk", "bench-walk", 2.0, (10, 300, 1000), 1000, 1000.0),
     _Case(
         "level, MuJoCo, reduced legs, two cores, grounds",
         "level",

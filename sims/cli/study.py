@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=rows,
         metavar="N",
         help="simulate up to N runs together, as rows of the same arithmetic; 0: each alone; "
-        "default auto: as many as are fast, within 768 MiB a worker",
+        "default auto: as many as are fast, within 640 MiB a worker",
     )
     parser.add_argument(
         "--watch", action="store_true", help="show the page in a browser while the study runs"

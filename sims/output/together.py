@@ -27,7 +27,7 @@ from parapod.systems.core.errors import ParapodError
 # Memory of a loop, those of rigid bodies with the engine's model [B].
 _LOOP = 6 * 2**20
 # Memory of the loops and recordings of all rows that are simulated at once [B].
-_MEMORY = 768 * 2**20
+_MEMORY = 640 * 2**20
 # Fewer rows than this are faster one after the other, in C++ in part.
 _FEWEST = 8
 # Times at which rows are looked at, whether they pay.

@@ -65,7 +65,9 @@ def campaign(
                 if keep is not None:
                     keep.add(outcome)
                 count += 1
-                report(count)
+                # Those of a parcel come at once, and would look slow if they were shown singly.
+                if size <= 1 or (place + 1) % size == 0 or place + 1 == len(missing):
+                    report(count)
                 if look is not None:
                     look()
 

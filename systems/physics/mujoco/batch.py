@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.extras import need
 from parapod.systems.core.leaf_system import RowsContext, RowsMemory
 from parapod.systems.core.rows import numbers_of
@@ -30,7 +31,13 @@ class MujocoRows(RowsMemory):
         self._copies: dict[tuple[int, bytes], Any] = {}
 
     def add(self, system: Any, context: Any) -> None:
-        """Takes a row's model and state."""
+        """Takes a row's model and state.
+
+        Raises:
+            ParapodError: a plant that is laid out otherwise than the first row's.
+        """
+        if self._systems and system.layout() != self._systems[0].layout():
+            raise ParapodError("MuJoCo steps rows of plants together that have the same joints")
         loads = system.loads_in(context)
         key = id(system), loads.tobytes()
         if key not in self._copies:
@@ -49,7 +56,12 @@ class MujocoRows(RowsMemory):
         threads = int(os.environ.get("OMP_NUM_THREADS") or 0)
         self._batch: Any = batches.Batch(models[0], len(models), threads)
         if len(self._copies) > 1:
-            self._batch.set_models(models)
+            try:
+                self._batch.set_models(models)
+            except ValueError as error:
+                raise ParapodError(
+                    f"MuJoCo does not step these plants together: {error}"
+                ) from error
         physics, forces = zip(*self._beginnings, strict=True)
         self._batch.state[:], self._forces = physics, np.array(forces)
         self._drives = replace(

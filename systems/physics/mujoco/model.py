@@ -229,6 +229,10 @@ class StateMaps:
                 self._positions[start], self._velocities[rate] = q, v
         self._size = plant.num_positions()
 
+    def layout(self) -> list[list[int]]:
+        """Where MuJoCo has the plant's positions and velocities."""
+        return [self._positions.tolist(), self._velocities.tolist()]
+
     def to_plant(
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
     ) -> NDArray[np.float64]:

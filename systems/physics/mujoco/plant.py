@@ -124,6 +124,12 @@ class MujocoPlant(LeafSystem):
         holding = self.drives.holding_force(control, data.qpos, data.qvel)
         return np.concatenate((holding, data.sensordata))
 
+    def layout(self) -> list[list[int]]:
+        """Where MuJoCo has joints, drives and bodies: the same for plants that are alike."""
+        drives = self.drives
+        joints = [*drives.joints.tolist(), *self.model.maps.layout()]
+        return [drives.order.tolist(), *joints, self.model.bodies]
+
     def loads_in(self, context: Any) -> NDArray[np.float64]:
         """The loads in a context of this system, as `MujocoModel.set_loads` takes them."""
         loads: NDArray[np.float64] = context.get_numeric_parameter(self._loads).value()
