@@ -37,7 +37,7 @@ def campaign(
         file: the table that is written, what distinguishes its work from others, and true to go
             on with an existing one; None for no file.
         rows: runs in the largest parcel for a worker; 1: their duration decides.
-        look: called whenever a run is done; None: nothing is.
+        look: called whenever runs are done; None: nothing is.
 
     Raises:
         OutputError: the file cannot be written, or is not to be gone on with.
@@ -65,11 +65,11 @@ def campaign(
                 if keep is not None:
                     keep.add(outcome)
                 count += 1
-                # Those of a parcel come at once, and would look slow if they were shown singly.
+                # Those of a parcel come at once; shown singly they would look slow, and few.
                 if size <= 1 or (place + 1) % size == 0 or place + 1 == len(missing):
                     report(count)
-                if look is not None:
-                    look()
+                    if look is not None:
+                        look()
 
         yield work_out
 

@@ -24,6 +24,9 @@ from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.scenario_file import inline, load_scenario
 from parapod.systems.core.schema import checked, differing
 
+# Runs simulated together of a study that is watched, so that it grows every few seconds.
+_MOST_WATCHED = 200
+
 
 @dataclass(frozen=True)
 class Study:
@@ -140,7 +143,8 @@ class Study:
             resume: true to go on with an existing one.
             rows: largest number of runs that are simulated together, as rows; 0: each alone; None:
                 as many as are fast, where there are laws over rows.
-            look: called whenever a run is done; None: nothing is.
+            look: called whenever runs are done, which then come in smaller parcels; None: nothing
+                is.
 
         Raises:
             ParapodError: rows of what has no laws over rows.
@@ -155,6 +159,8 @@ class Study:
                 "those of a closed loop on kinematic or mujoco have; rows must be 0 or auto"
             )
         together = rows if most else 1
+        if look is not None:
+            most = min(most, _MOST_WATCHED)
         work = partial(carry_out_runs, self.order, together)
         file = None if path is None else (path, self.as_json(), resume)
         name, runs = self.entry.name, (crew, records, console, file, together or most, look)
