@@ -88,16 +88,12 @@ class MujocoRows(RowsMemory):
             maps = self._plant.model.maps
             return numbers_of(maps.to_plant(batch.qpos[self._ids], batch.qvel[self._ids]))
         if name == "body_poses":
-            batch.bind("xpos"), batch.bind("xmat")
-            batch.forward(self._ids, self._stages.mjSTAGE_POS)
-            places, turns = batch.xpos[self._ids], batch.xmat[self._ids]
-            bodies = self._plant.model.bodies
-            return PosesOfRows(places[:, bodies], turns[:, bodies])
+            # They are copied out after a call, if they have been bound before it.
+            fields = [batch.bind(field) for field in ("xpos", "xmat")]
+            batch.forward(self._ids, need("mujoco").mjtStage.mjSTAGE_POS)
+            of_bodies = np.ix_(self._ids, self._plant.model.bodies)
+            return PosesOfRows(*(field[of_bodies] for field in fields))
         raise TypeError(f"rows are not drawn: {name}")
-
-    @property
-    def _stages(self) -> Any:
-        return need("mujoco").mjtStage
 
     def update(self, context: RowsContext) -> Callable[[], Mapping[int, Exception]]:
         """Reads the commands, and gives the step."""
