@@ -25,7 +25,7 @@ class _Case:
     """Loops that are measured.
 
     Attributes:
-        name: what is measured.
+        name: title in the table.
         experiment: experiment whose loop it is.
         duration: simulated time [s].
         counts: numbers of rows.
@@ -34,7 +34,7 @@ class _Case:
         settings: settings of the scenario.
         cores: number of threads that the plant's engine has.
         varied: key of which each row has another value, so that it has a machine of its own.
-        on_grounds: whether each row stands on another ground, of up to 3 deg.
+        on_grounds: true if each row stands on another ground, of up to 3 deg.
     """
 
     name: str

@@ -61,8 +61,7 @@ class MachineScenario(Schema):
     control: ControlScenario = field(default_factory=ControlScenario)
 
 
-# Of many rows arithmetic by NumPy takes most of the time, and arrays of more leave the caches;
-# MuJoCo takes as long for each row, whatever their number.
+# Rows of NumPy's: arrays of more leave the caches. MuJoCo takes as long for each, however many.
 _OVER_ROWS = {"kinematic": 1000, "mujoco": 100}
 
 type Plant[S] = Callable[[DiagramBuilder, S, Meshcat | None], Behind]

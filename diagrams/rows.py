@@ -374,13 +374,13 @@ class RowsSimulator:
     def _gather(self, diagram: Diagram, beginnings: Iterable[tuple[Diagram, Context]]) -> int:
         """Reads the rows' contexts; returns their number."""
         count = 0
-        known = {id(diagram): (diagram, [(leaf.system, leaf.laws) for leaf in self._leaves])}
+        leaves_of = {id(diagram): (diagram, [(leaf.system, leaf.laws) for leaf in self._leaves])}
         for own, root in beginnings:
-            if id(own) not in known:
+            if id(own) not in leaves_of:
                 systems = leaf_systems(own)
-                known[id(own)] = own, [(system, find_laws(system)) for system in systems]
+                leaves_of[id(own)] = own, [(system, find_laws(system)) for system in systems]
             self.time = root.get_time()
-            for leaf, (system, laws) in zip(self._leaves, known[id(own)][1], strict=True):
+            for leaf, (system, laws) in zip(self._leaves, leaves_of[id(own)][1], strict=True):
                 leaf.add(system, laws, system.GetMyContextFromRoot(root))
                 self._leaf_of[id(system)] = leaf
             count += 1

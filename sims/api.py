@@ -184,6 +184,7 @@ def run(experiment: Any, *overrides: str, quiet: bool = False, **values: Any) ->
         raise ScenarioError("change the scenario itself; it comes with its values")
     else:
         settings = experiment
+        check(settings)
     console = Console(stderr=True, quiet=quiet)
     return _experiment_of(settings).execute(settings, RunOptions(console=console))
 

@@ -46,7 +46,6 @@ from parapod.sims.output.progress import waiting
 from parapod.sims.output.results import Metric, Result
 from parapod.sims.output.scene_page import write_page
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError, WiringError
-from parapod.systems.core.schema import check as check_scenario
 
 # Options that show or write something, and the hook that each of them needs.
 _HOOKS = {"meshcat": "scene", "html": "scene", "log": "logged", "graphviz": "loop"}
@@ -151,13 +150,16 @@ class Experiment[S, D]:
     def execute(self, scenario: S, options: RunOptions) -> Result:
         """Runs a scenario.
 
+        Args:
+            scenario: values that its schema admits, as `schema.check` and the loaders see to.
+            options: ways to watch and record.
+
         Raises:
-            ScenarioError: a scenario that is not admissible.
+            ScenarioError: values that do not fit together.
             OutputError: a file cannot be written, or an option has nothing to show.
             ParapodError: the experiment refuses.
         """
         settings: Any = scenario
-        check_scenario(scenario)
         machine = getattr(settings, "machine", None)
         if machine is not None:
             check_design(machine)

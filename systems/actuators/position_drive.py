@@ -129,8 +129,7 @@ def _motion_of(
     limits = (
         [getattr(own, field.name) for own in params] for field in fields(PositionDriveParams)
     )
-    led = each(partial(_led, period), positions, velocities, command, *limits)
-    return led + velocities
+    return each(partial(_led, period), positions, velocities, command, *limits) + velocities
 
 
 def _velocities(samples: list[float], period: float) -> list[float]:

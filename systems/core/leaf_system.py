@@ -192,7 +192,7 @@ class RowsMemory(ABC):
 
     @abstractmethod
     def output(self, index: int) -> Any:
-        """What all rows have at an output: a list of numbers, or `rows.OfRows`."""
+        """Numbers of all rows at an output, as a list; or `rows.OfRows`."""
 
     @abstractmethod
     def update(self, context: "RowsContext") -> Callable[[], Mapping[int, Exception]]:

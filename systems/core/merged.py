@@ -2,9 +2,9 @@
 
 Machines of other dimensions have systems of other attributes. A law that is carried out for the
 rows of several systems sees one that has the attributes of all: floats that differ are `Rows`,
-arrays of them arrays of objects, tuples and dataclasses likewise, part by part. What differs and
-is no number, such as a count, raises TypeError as it is read; the rows are then taken one at a
-time, each by its own system.
+arrays of them arrays of objects, and so are the parts of tuples and dataclasses. Counts, texts and
+whatever else differs raise TypeError as they are read; the rows are then taken one at a time, each
+by its own system.
 """
 
 import dataclasses
@@ -106,7 +106,7 @@ class Merger:
             return Alike(objects, self)
         if all(other == first for other in objects) or _is_made_alike(objects):
             return first
-        raise TypeError(f"rows differ, and {kind.__name__} is no number")
+        raise TypeError(f"rows differ in a {kind.__name__}")
 
     def _parts(self, objects: Sequence[Any]) -> list[Any]:
         return [self.merge(parts) for parts in zip(*objects, strict=True)]

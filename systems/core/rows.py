@@ -30,7 +30,7 @@ type Number = "float | Rows"
 
 
 class OfRows(ABC):
-    """An object of rows that is no number."""
+    """An object of rows in place of numbers."""
 
     @abstractmethod
     def taken(self, index: "Index | int") -> Any:

@@ -89,7 +89,7 @@ class PosesOfRows(Poses):
 
 
 class Gaps:
-    """How far apart the points are that ball joints hold together; the origin of `body` is one."""
+    """Distances of the points that ball joints hold together; the origin of `body` is one."""
 
     def __init__(self, balls: Sequence[Ball]):
         self._places: list[tuple[int, int, list[float]]] = [

@@ -170,7 +170,7 @@ class _Equations(NamedTuple):
         matrix: (n, 15, 15) of C, P and P^T.
         right: (n, 15) c and m.
         pulling: (n, 1) load below which a corner pulls [N].
-        below: what is below the ground, by that stiffness [N].
+        below: depth below the ground at which a corner carries, by that stiffness [N].
     """
 
     matrix: NDArray[np.float64]

@@ -114,9 +114,9 @@ class MujocoRows(RowsMemory):
         try:
             batch.step(ids)
         except need("mujoco.batch").SimulationError as error:
-            failure = need("mujoco").FatalError
+            kind = need("mujoco").FatalError
             for i in error.ids:
-                errors[int(np.searchsorted(ids, i))] = failure(batch.error(int(i)))
+                errors[int(np.searchsorted(ids, i))] = kind(batch.error(int(i)))
         holding = self._drives.holding_force(control, batch.qpos[ids], batch.qvel[ids])
         self._forces = np.concatenate((holding, sensors[ids]), axis=1)
         return errors

@@ -230,7 +230,7 @@ class StateMaps:
         self._size = plant.num_positions()
 
     def layout(self) -> list[list[int]]:
-        """Where MuJoCo has the plant's positions and velocities."""
+        """Places of the plant's positions and velocities in MuJoCo's."""
         return [self._positions.tolist(), self._velocities.tolist()]
 
     def to_plant(

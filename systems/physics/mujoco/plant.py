@@ -125,7 +125,7 @@ class MujocoPlant(LeafSystem):
         return np.concatenate((holding, data.sensordata))
 
     def layout(self) -> list[list[int]]:
-        """Where MuJoCo has joints, drives and bodies: the same for plants that are alike."""
+        """Places of joints, drives and bodies in MuJoCo's: the same for plants that are alike."""
         drives = self.drives
         joints = [*drives.joints.tolist(), *self.model.maps.layout()]
         return [drives.order.tolist(), *joints, self.model.bodies]
