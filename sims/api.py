@@ -122,9 +122,9 @@ def rows(loop: ClosedLoop[Any] | Any, scenarios: Sequence[Any]) -> LoopRows[Any]
     for one in scenarios:
         check(one)
     if isinstance(loop, ClosedLoop):
-        return LoopRows(loop, [_begun(loop, one) for one in scenarios])
+        return LoopRows(loop, _begun(loop, scenarios))
     first = closed_loop(loop)
-    begins = [_begun(first, one) for one in scenarios]
+    begins = _begun(first, scenarios)
     loops = {first.machine.structure(first.scenario): first}
     chosen = []
     for one, begin in zip(scenarios, begins, strict=True):
@@ -135,10 +135,21 @@ def rows(loop: ClosedLoop[Any] | Any, scenarios: Sequence[Any]) -> LoopRows[Any]
     return LoopRows(chosen, begins)
 
 
-def _begun(loop: ClosedLoop[Any], scenario: Any) -> Any:
-    """The scenario of a loop's machine in that of an experiment."""
-    is_own = isinstance(scenario, type(loop.scenario))
-    return scenario if is_own else _experiment_of(scenario).machine_scenario(scenario)
+def _begun(loop: ClosedLoop[Any], scenarios: Sequence[Any]) -> list[Any]:
+    """Scenarios of a loop's machine in those of experiments.
+
+    Raises:
+        ScenarioError: one of another machine.
+    """
+    kind = type(loop.scenario)
+    begins = [
+        one if isinstance(one, kind) else _experiment_of(one).machine_scenario(one)
+        for one in scenarios
+    ]
+    for row, begin in enumerate(begins):
+        if not isinstance(begin, kind):
+            raise ScenarioError(f"row {row} is a scenario of another machine than the loop's")
+    return begins
 
 
 def viewer(scenario: Any, record: bool = False) -> Meshcat:

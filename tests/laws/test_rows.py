@@ -154,6 +154,8 @@ def test_scenarios_of_another_structure_are_named():
     scenario = replace(loop.scenario, machine=other)
     with pytest.raises(ScenarioError, match=r"^machine\.legs\.l_4_mm of row 1 is not that of .*"):
         LoopRows(loop, [loop.scenario, scenario])
+    with pytest.raises(ScenarioError, match=r"^row 1 is a scenario of another machine"):
+        parapod.rows(loop, [loop.scenario, parapod.scenario("chair-walk", "backend=kinematic")])
     slower = parapod.closed_loop(
         parapod.scenario("level", "backend=kinematic", "control.period=0.02")
     )
