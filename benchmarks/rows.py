@@ -73,7 +73,7 @@ _CASES = (
         on_grounds=True,
     ),
     _Case("level, MuJoCo, reduced legs, two cores", "level", 2.0, (256,), 256, 300.0, _REDUCED, 2),
-    _Case("level, MuJoCo, two cores", "level", 0.5, (256,), 256, 40.0, ("backend=mujoco",), 2),
+    _Case("level, MuJoCo, two cores", "level", 0.5, (256,), 256, 40.0, _BODIES, 2),
     _Case(
         "chair-walk, MuJoCo, two cores",
         "chair-walk",
@@ -81,7 +81,7 @@ _CASES = (
         (256,),
         256,
         40.0,
-        ("backend=mujoco",),
+        _BODIES,
         2,
     ),
 )

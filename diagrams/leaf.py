@@ -1,5 +1,6 @@
 """A leaf system of a diagram with its numbers of all rows."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -42,24 +43,24 @@ class Leaf:
         self.caches: dict[tuple[int, Any], Any] = {}
         self._simulator = simulator
         self._added: list[list[list[float]]] = []
-        # Of all rows, those that have ended too; and what stands for those of some rows.
-        self._systems: list[Any] = []
-        self._laws: dict[Law, list[Law]] = {law: [] for law in laws.all()}
+        self._places = {law: place for place, law in enumerate(laws.all())}
+        # Systems and laws of all rows, those that have ended too; and what stands for several.
+        self._own: list[tuple[Any, Sequence[Law]]] = []
         self._differ = False
         self._merged: dict[Any, tuple[Merger, dict[Law, tuple[Law, Any]]]] = {}
 
     def own(self, row: int) -> Any:
         """System of a row."""
-        return self._systems[row]
+        return self._own[row][0]
 
     def carry_out(self, law: Law, context: RowsContext, *arguments: Any) -> Any:
         """Result of a law of the system, for the rows of a context."""
         if not self._differ:
             return law(self.system, context, *arguments)
-        index, rows = context.index, self._simulator.rows
+        index, rows, place = context.index, self._simulator.rows, self._places[law]
         if type(index) is int:
-            row = int(rows[index])
-            return self._laws[law][row](self._systems[row], context, *arguments)
+            system, own = self._own[int(rows[index])]
+            return own[place](system, context, *arguments)
         positions: Any = index
         key = None if positions is None else positions.tobytes()
         if key not in self._merged:
@@ -69,24 +70,22 @@ class Leaf:
         merger, laws = self._merged[key]
         if law not in laws:
             chosen = (rows if positions is None else rows[positions]).tolist()
-            whole = merger.merge([self._systems[row] for row in chosen])
-            laws[law] = merger.merge([self._laws[law][row] for row in chosen]), whole
+            systems, functions = zip(*(self._own[row] for row in chosen), strict=True)
+            whole = merger.merge(systems)
+            laws[law] = merger.merge([own[place] for own in functions]), whole
         of_all, whole = laws[law]
         return of_all(whole, context, *arguments)
 
-    def add(self, system: Any, laws: Laws, context: Any) -> None:
+    def add(self, system: Any, laws: Sequence[Law], context: Any) -> None:
         """Reads the beginning of a further row.
 
         Args:
             system: this system, or one like it.
-            laws: its laws.
+            laws: all of its laws.
             context: its context.
         """
-        self._systems.append(system)
+        self._own.append((system, laws))
         self._differ = self._differ or system is not self.system
-        for first, own in zip(self.laws.all(), laws.all(), strict=True):
-            if len(self._laws[first]) < len(self._systems):  # one may serve two ports
-                self._laws[first].append(own)
         fixed = [
             k
             for k, source in enumerate(self.sources)

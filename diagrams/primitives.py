@@ -14,7 +14,7 @@ from pydrake.systems.framework import System
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import Laws, Output, RowsContext, Sampled, Vector, laws_of
-from parapod.systems.core.merged import OfRow
+from parapod.systems.core.merged import Mergeable
 from parapod.systems.core.rows import Number, of_rows
 
 
@@ -57,7 +57,7 @@ def _constant(system: Any) -> Laws:
     return Laws(outputs=[Output(law)])
 
 
-class _Courses(OfRow):
+class _Courses(Mergeable):
     """Values of the trajectories of a source, or of one of each row."""
 
     def __init__(self, systems: Sequence[Any]):

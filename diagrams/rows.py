@@ -374,11 +374,12 @@ class RowsSimulator:
     def _gather(self, diagram: Diagram, beginnings: Iterable[tuple[Diagram, Context]]) -> int:
         """Reads the rows' contexts; returns their number."""
         count = 0
-        leaves_of = {id(diagram): (diagram, [(leaf.system, leaf.laws) for leaf in self._leaves])}
+        own_laws = [(leaf.system, leaf.laws.all()) for leaf in self._leaves]
+        leaves_of = {id(diagram): (diagram, own_laws)}
         for own, root in beginnings:
             if id(own) not in leaves_of:
                 systems = leaf_systems(own)
-                leaves_of[id(own)] = own, [(system, find_laws(system)) for system in systems]
+                leaves_of[id(own)] = own, [(system, find_laws(system).all()) for system in systems]
             self.time = root.get_time()
             for leaf, (system, laws) in zip(self._leaves, leaves_of[id(own)][1], strict=True):
                 leaf.add(system, laws, system.GetMyContextFromRoot(root))

@@ -25,25 +25,13 @@ from parapod.systems.core.rows import Index, OfRows, Rows
 _MOST_PARTS = 16
 
 
-class OfRow(ABC):
+class Mergeable(ABC):
     """An object that knows itself how it is one of many."""
 
     @classmethod
     @abstractmethod
     def of_rows(cls, objects: Sequence[Any]) -> Any:
         """The object in place of those of rows."""
-
-
-def merged(objects: Sequence[Any]) -> Any:
-    """One object in place of those of rows.
-
-    Args:
-        objects: one a row, of one type.
-
-    Raises:
-        TypeError: objects that are not alike.
-    """
-    return Merger().merge(objects)
 
 
 class Merger:
@@ -53,7 +41,14 @@ class Merger:
         self._merged: dict[tuple[int, ...], tuple[Sequence[Any], Any]] = {}
 
     def merge(self, objects: Sequence[Any]) -> Any:
-        """One object in place of those of rows; see `merged`."""
+        """One object in place of those of rows.
+
+        Args:
+            objects: one a row, of one type.
+
+        Raises:
+            TypeError: objects that are not alike.
+        """
         first = objects[0]
         if all(other is first for other in objects):
             return first
@@ -81,7 +76,7 @@ class Merger:
             if any(other.keys() != first.keys() for other in objects):
                 raise TypeError("rows differ in the keys of a table")
             return {name: self.merge([one[name] for one in objects]) for name in first}
-        if issubclass(kind, OfRow):
+        if issubclass(kind, Mergeable):
             return kind.of_rows(objects)
         if dataclasses.is_dataclass(kind):
             return self._dataclass(kind, objects)

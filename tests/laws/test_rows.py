@@ -113,7 +113,7 @@ MACHINES = ["level", "chair-walk", "centre-walk", "bench-walk"]
     ("name", "backend"), [(n, b) for n, b in sorted(loops()) if n in MACHINES]
 )
 def test_a_row_may_have_a_machine_of_its_own(name, backend):
-    """Of which every number is another: dimensions, masses, drives, sensors."""
+    """Every number of it is another: dimensions, masses, drives, sensors."""
     usual = loop_of(name, backend)
     scenarios = []
     for row in range(ROWS):

@@ -8,10 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from parapod.systems.physics.mujoco.model import MujocoModel
-
-# Force of a drive with its joint at zero that no command means, and that MuJoCo refuses [N, N m].
-LARGEST = 1e10
+from parapod.systems.physics.mujoco.model import LARGEST, MujocoModel
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from parapod.systems.physics.mujoco.translation import (
     weld_of,
 )
 
-# Sum of forces that none means, and that MuJoCo refuses [N, N m].
-_LARGEST = 1e10
+# Force that no command and no load means, and that MuJoCo refuses [N, N m].
+LARGEST = 1e10
 _LOG = logging.getLogger(__name__)
 
 
@@ -144,7 +144,7 @@ class MujocoModel:
             force: (..., v) along the plant's velocities [N m, N]; one that is not finite, or
                 absurd, is none.
         """
-        is_force = np.abs(force).sum(axis=-1, keepdims=True) < _LARGEST
+        is_force = np.abs(force).sum(axis=-1, keepdims=True) < LARGEST
         # Forces turn as the velocities do along which they act.
         return self.maps.along_velocities(qpos, np.where(is_force, force, 0.0))
 

@@ -8,8 +8,12 @@ from functools import cached_property, partial
 import numpy as np
 import pytest
 
-from parapod.systems.core.merged import Alike, OfRow, merged
+from parapod.systems.core.merged import Alike, Mergeable, Merger
 from parapod.systems.core.rows import Rows, each
+
+
+def merged(objects):
+    return Merger().merge(objects)
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,7 @@ def test_channels_of_rows_that_part_have_the_objects_of_their_rows(machines):
 
 
 def test_an_object_may_say_itself_what_stands_for_many():
-    class Course(OfRow):
+    class Course(Mergeable):
         def __init__(self, *values):
             self.values = values
 
