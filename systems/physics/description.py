@@ -121,15 +121,15 @@ class Description:
         if len({int(joint.child_body().index()) for joint in self.joints}) < len(self.joints):
             raise WiringError("a body hangs on two joints, which files do not know")
         used_names = {"world"}
-        self.links = ["world", *self._unique(self.bodies[1:], "link", used_names)]
-        self.joint_names = self._unique(self.joints, "joint", used_names)
+        self.links = ["world", *unique_names(self.bodies[1:], "link", used_names)]
+        self.joint_names = unique_names(self.joints, "joint", used_names)
         automatic = {f"{joint.name()}_parent" for joint in self.joints}
         frames = [
             frame
             for frame in map(plant.get_frame, map(FrameIndex, range(plant.num_frames())))
             if not (frame.is_body_frame() or frame.is_ephemeral() or frame.name() in automatic)
         ]
-        names = self._unique(frames, "frame", used_names)
+        names = unique_names(frames, "frame", used_names)
         self.frames = [
             (name, self.link(frame.body()), frame.CalcPoseInBodyFrame(context))
             for name, frame in zip(names, frames, strict=True)
@@ -160,19 +160,6 @@ class Description:
         self.couplings: dict[str, Coupling] = {
             self.joint_name(coupling.joint): coupling for coupling in self.constraints.couplings
         }
-
-    @staticmethod
-    def _unique(parts: Sequence[Any], kind: str, used_names: set[str]) -> list[str]:
-        """Names of parts; with their instances where another one has the same, and numbers."""
-        counts, names = Counter(part.name() for part in parts), []
-        for part in parts:
-            name, instance = part.name(), part.GetParentPlant().GetModelInstanceName
-            if counts[name] > 1 or name in used_names:
-                name = f"{instance(part.model_instance())}_{name}"
-            tries = (name, f"{name}_{kind}", *(f"{name}_{i}" for i in range(2, len(parts) + 3)))
-            names.append(next(each for each in tries if each not in used_names))
-            used_names.add(names[-1])
-        return names
 
     def link(self, body: RigidBody) -> str:
         """Name of a body's link."""
@@ -246,6 +233,25 @@ class Description:
                 colour = properties.GetProperty("phong", "diffuse")
             pose = inspector.GetPoseInFrame(geometry)
             yield Shape(name, pose, inspector.GetShape(geometry), colour, contact)
+
+
+def unique_names(parts: Sequence[Any], kind: str, used_names: set[str]) -> list[str]:
+    """Names of parts; with their instances where another one has the same, and numbers.
+
+    Args:
+        parts: bodies, joints or frames of one plant.
+        kind: word that is added to a name that other things have.
+        used_names: names of other things; these are added.
+    """
+    counts, names = Counter(part.name() for part in parts), []
+    for part in parts:
+        name, instance = part.name(), part.GetParentPlant().GetModelInstanceName
+        if counts[name] > 1 or name in used_names:
+            name = f"{instance(part.model_instance())}_{name}"
+        tries = (name, f"{name}_{kind}", *(f"{name}_{i}" for i in range(2, len(parts) + 3)))
+        names.append(next(each for each in tries if each not in used_names))
+        used_names.add(names[-1])
+    return names
 
 
 def _contact(properties: Any) -> dict[str, str]:

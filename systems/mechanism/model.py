@@ -1,0 +1,367 @@
+"""Model files of closed-loop mechanisms, read into a plant with everything that closes them.
+
+URDF, SDFormat, MJCF and Drake's model directives are read. Loops come from Drake's tags
+(`drake:ball_constraint`, `drake:distance_constraint`, `mimic`), from MJCF's `connect`, `weld` and
+`joint`, from an SDFormat whose joints themselves close loops, as Gazebo's do, and from a small
+YAML file beside the model. Its keys are those of github.com/Gepetto/example-parallel-robots.
+"""
+
+import fnmatch
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BallRpyJoint,
+    BodyIndex,
+    FixedOffsetFrame,
+    Frame,
+    Joint,
+    SpatialInertia,
+    UniversalJoint,
+)
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import did_you_mean, quoted, quoted_path
+from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.core.schema import Schema
+from parapod.systems.mechanism.graph import loop_joints, reversed_joints
+from parapod.systems.mechanism.mjcf import add_mjcf
+from parapod.systems.mechanism.parts import Model, frame_named, joint_named
+from parapod.systems.physics.loops import Ball, Loop, Weld, add_loop
+
+_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml")
+_KINDS = {"3d": "ball", "6d": "weld"}
+_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+# Distance along its axis of the two ball joints in place of a hinge that closes a loop [m].
+_SPREAD = 0.05
+# Axes of the frames of a universal joint that is turned round: about y, then x, both back.
+_REVERSED = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+# Inertia of the body between a joint that closes a loop and the link that it is welded to
+# [kg, m]: what is too light to be felt, and heavy enough for a simulation.
+_LIGHT, _SMALL = 1e-3, 1e-2
+
+
+@dataclass
+class LoopsFile(Schema):
+    """Loops and motors of a model, where its own file does not have them.
+
+    Attributes:
+        closed_loop: pairs of frames or links that are held together.
+        type: kind of each pair: 3d holds their origins together, 6d both as a whole.
+        name_mot: joints with motors; * and ? stand for any characters.
+        joint_name: joints that are of another kind than in the model.
+        joint_type: kind of each of these: SPHERICAL, FIXED, or UJOINT_ and two axes, as UJOINT_XY.
+    """
+
+    closed_loop: list[list[str]] = field(default_factory=list)
+    type: list[str] = field(default_factory=list)
+    name_mot: list[str] = field(default_factory=list)
+    joint_name: list[str] = field(default_factory=list)
+    joint_type: list[str] = field(default_factory=list)
+
+
+def add_model(
+    plant: MultibodyPlant,
+    path: Path,
+    loops_file: Path | None = None,
+    motors: Sequence[str] = (),
+    is_free: bool | None = None,
+) -> Model:
+    """Adds a model and its loops to a plant.
+
+    Args:
+        plant: not finalized, and empty.
+        path: the model's file.
+        loops_file: file of a `LoopsFile`; None: the YAML file of the model's name beside it,
+            where there is one.
+        motors: joints with motors, in place of those that the files name; * and ? stand for any
+            characters.
+        is_free: false welds the first link that hangs on nothing to the world, true does not;
+            None: what an MJCF says, and false for other files.
+
+    Raises:
+        ScenarioError: a file that cannot be read, or names what the model does not have.
+    """
+    if not path.is_file():
+        raise ScenarioError(f"cannot read {quoted_path(path)}: there is no such file")
+    if not path.name.lower().endswith(_SUFFIXES):
+        suffixes = ", ".join(_SUFFIXES)
+        raise ScenarioError(f"{quoted_path(path)}: the suffix of a model is one of {suffixes}")
+    settings, source = _settings(path, loops_file)
+    model = Model(path, plant)
+    if _is_mjcf(path):
+        add_mjcf(model)
+    else:
+        _add_by_drake(model)
+        _change_joints(model, settings, source)
+        _cut_loops(model)
+    if not is_free and not (is_free is None and _is_mjcf(path)):
+        _weld_base(plant)
+    _turn_round(model)
+    _close(model, settings, source)
+    _name_motors(model, tuple(motors) or tuple(settings.name_mot), source)
+    return model
+
+
+def _is_mjcf(path: Path) -> bool:
+    return path.suffix.lower() in (".xml", ".mjcf")
+
+
+def _settings(path: Path, loops_file: Path | None) -> tuple[LoopsFile, str]:
+    """Loops beside a model, and the name of their file."""
+    name = path.name.removesuffix(".dmd.yaml").removesuffix(path.suffix)
+    beside = path.with_name(f"{name}.yaml")
+    file = loops_file if loops_file is not None else beside if beside.is_file() else None
+    if file is None:
+        return LoopsFile(), quoted_path(path)
+    settings = load_scenario(LoopsFile, file=file)
+    source = quoted_path(file)
+    for names, kinds in (("closed_loop", "type"), ("joint_name", "joint_type")):
+        count, others = (len(getattr(settings, key)) for key in (names, kinds))
+        if count != others:
+            raise ScenarioError(f"{source}: {names} has {count} entries and {kinds} {others}")
+    return settings, source
+
+
+def _add_by_drake(model: Model) -> None:
+    """Adds a URDF, SDFormat or directives; what Drake warns about becomes notes."""
+    parser = Parser(model.plant)
+    parser.SetAutoRenaming(True)
+    parser.package_map().PopulateFromFolder(str(model.path.resolve().parent))
+    with _warnings(model.notes):
+        try:
+            text = _readable(model)
+            if text is None:
+                parser.AddModels(model.path)
+            else:
+                parser.AddModelsFromString(text, model.path.suffix[1:].lower())
+        except (RuntimeError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise ScenarioError(f"cannot read {quoted_path(model.path)}: {reason}") from None
+
+
+def _readable(model: Model) -> str | None:
+    """An SDFormat with `revolute2` in a way that Drake reads; None: as it is."""
+    if model.path.suffix.lower() != ".sdf":
+        return None
+    try:
+        root = ElementTree.parse(model.path).getroot()
+    except ElementTree.ParseError:
+        return None  # Drake says what is wrong, and where
+    doubles = [joint for joint in root.iter("joint") if joint.get("type") == "revolute2"]
+    for joint in doubles:
+        joint.set("type", "universal")
+    if not doubles:
+        return None
+    model.notes.append(f"{len(doubles)} joints revolute2 are read as universal")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+@contextmanager
+def _warnings(notes: list[str]) -> Iterator[None]:
+    """Collects Drake's warnings, each once, in place of printing them."""
+
+    def keep(record: logging.LogRecord) -> bool:
+        text = " ".join(record.getMessage().partition(": warning: ")[2].split())
+        text = text or record.getMessage()
+        if record.levelno >= logging.WARNING and text not in notes:
+            notes.append(text)
+        return False
+
+    log = logging.getLogger("drake")
+    log.addFilter(keep)
+    try:
+        yield
+    finally:
+        log.removeFilter(keep)
+
+
+def _change_joints(model: Model, settings: LoopsFile, source: str) -> None:
+    """Gives joints the kinds that a file beside the model says."""
+    for name, kind in zip(settings.joint_name, settings.joint_type, strict=True):
+        if kind == "FIXED":
+            continue  # as it is: the convention has the joint taken out of its list
+        joint = joint_named(model.plant, name, source)
+        first, second = (_AXES.get(axis) for axis in kind.removeprefix("UJOINT_").ljust(2)[:2])
+        is_universal = kind.startswith("UJOINT_") and None not in (first, second)
+        if kind != "SPHERICAL" and not (is_universal and first != second):
+            raise ScenarioError(
+                f"{source}: {quoted(kind)} of {quoted(name)} is not one of SPHERICAL, FIXED, "
+                "UJOINT_XY and further two axes"
+            )
+        parent, child = joint.frame_on_parent(), joint.frame_on_child()
+        _remove_joint(model.plant, joint)
+        if kind == "SPHERICAL":
+            model.plant.AddJoint(BallRpyJoint(name, parent, child))
+            continue
+        # Drake's universal joint turns about x, then y: its frames have the axes asked for there.
+        axes = np.array([first, second, np.cross(np.array(first), np.array(second))]).T
+        ends = _turned_frames(model.plant, name, (parent, child), axes)
+        model.plant.AddJoint(UniversalJoint(name, *ends))
+
+
+def _remove_joint(plant: MultibodyPlant, joint: Joint) -> None:
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        if actuator.joint().index() == joint.index():
+            plant.RemoveJointActuator(actuator)
+    try:
+        plant.RemoveJoint(joint)
+    except RuntimeError as error:
+        raise ScenarioError(
+            f"the joint {joint.name()} cannot be cut or changed in a model that has constraints "
+            f"of its own: {' '.join(str(error).split())}"
+        ) from None
+
+
+def _cut_loops(model: Model) -> None:
+    """Puts constraints in place of joints that close loops, which Drake's trees cannot hold."""
+    plant = model.plant
+    for joint in loop_joints(plant):
+        turn: Any = joint
+        ends: list[Any] = [joint.frame_on_parent(), joint.frame_on_child()]
+        name, kind = joint.name(), joint.type_name()
+        poses = [frame.GetFixedPoseInBodyFrame() for frame in ends]
+        bodies = [frame.body() for frame in ends]
+        if kind in ("ball_rpy", "weld"):
+            _remove_joint(plant, joint)
+            closed = Ball if kind == "ball_rpy" else Weld
+            places = [pose.translation() for pose in poses] if closed is Ball else poses
+            model.loops.append(closed(bodies[0], places[0], bodies[1], places[1], name=name))
+        elif kind == "revolute":
+            axis = np.asarray(turn.revolute_axis())
+            _remove_joint(plant, joint)
+            for side, end in ((-0.5, "near"), (0.5, "far")):
+                places = [pose.multiply(side * _SPREAD * axis) for pose in poses]
+                ball = Ball(bodies[0], places[0], bodies[1], places[1], name=f"{name} ({end})")
+                model.loops.append(ball)
+        else:
+            _split(model, joint)
+        model.notes.append(f"the {kind} joint {name} closes a loop, and is held by constraints")
+
+
+def _split(model: Model, joint: Any) -> None:
+    """Hangs a light body on a joint that closes a loop, and welds it to the joint's link."""
+    plant, link, name = model.plant, joint.child_body(), joint.name()
+    light = SpatialInertia.SolidSphereWithMass(_LIGHT, _SMALL)
+    body = plant.AddRigidBody(f"{name}_half", link.model_instance(), light)
+    X_BM = joint.frame_on_child().GetFixedPoseInBodyFrame()
+    end: Any = plant.AddFrame(FixedOffsetFrame(f"{name}_half_child", body.body_frame(), X_BM))
+    parent, kind = joint.frame_on_parent(), type(joint)
+    axes = [
+        getattr(joint, read)()
+        for read in ("revolute_axis", "translation_axis", "screw_axis", "screw_pitch")
+        if hasattr(joint, read)
+    ]
+    if joint.type_name() == "screw":
+        axes.append(0.0)  # damping
+    limits = joint.position_lower_limits(), joint.position_upper_limits()
+    _remove_joint(plant, joint)
+    plant.AddJoint(kind(name, parent, end, *axes)).set_position_limits(*limits)
+    model.loops.append(Weld(body, RigidTransform(), link, RigidTransform(), name=name))
+
+
+def _weld_base(plant: MultibodyPlant) -> None:
+    """Welds the first link that hangs on nothing, unless a link hangs on the world already."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    world = plant.world_body().index()
+    if any(joint.parent_body().index() == world for joint in joints):
+        return
+    children = {int(joint.child_body().index()) for joint in joints}
+    for i in range(1, plant.num_bodies()):
+        if i not in children:
+            frame = plant.get_body(BodyIndex(i)).body_frame()
+            plant.WeldFrames(plant.world_frame(), frame)
+            return
+
+
+def _turn_round(model: Model) -> None:
+    """Turns joints round that Drake can only have with their parents nearer to the world."""
+    plant = model.plant
+    for joint in reversed_joints(plant):
+        name, kind = joint.name(), joint.type_name()
+        if kind not in ("universal", "ball_rpy"):
+            continue
+        parent, child = joint.frame_on_child(), joint.frame_on_parent()
+        _remove_joint(plant, joint)
+        if kind == "ball_rpy":
+            plant.AddJoint(BallRpyJoint(name, parent, child))
+        else:
+            ends = _turned_frames(plant, name, (parent, child), _REVERSED)
+            plant.AddJoint(UniversalJoint(name, *ends))
+        model.notes.append(f"the {kind} joint {name} is turned round: its angles are others")
+
+
+def _turned_frames(
+    plant: MultibodyPlant, name: str, ends: tuple[Frame, Frame], axes: NDArray[np.float64]
+) -> list[Any]:
+    """Frames at the ends of a joint, turned within those (axes are the columns)."""
+    turn = RigidTransform(RotationMatrix(axes), np.zeros(3))
+    return [
+        plant.AddFrame(FixedOffsetFrame(f"{name}_turned_{i}", frame, turn))
+        for i, frame in enumerate(ends)
+    ]
+
+
+def _close(model: Model, settings: LoopsFile, source: str) -> None:
+    """Adds the loops of the file beside the model, and those that the model has as joints."""
+    plant = model.plant
+    for (one, other), kind in zip(_pairs(settings, source), settings.type, strict=True):
+        frames = [frame_named(plant, name, source) for name in (one, other)]
+        if kind.lower() not in _KINDS:
+            raise ScenarioError(f"{source}: type {quoted(kind)} is not one of 3d, 6d")
+        poses = [frame.GetFixedPoseInBodyFrame() for frame in frames]
+        bodies = [frame.body() for frame in frames]
+        name = f"{one} - {other}"
+        if _KINDS[kind.lower()] == "ball":
+            points = [pose.translation() for pose in poses]
+            loop: Loop = Ball(bodies[0], points[0], bodies[1], points[1], name=name)
+        else:
+            loop = Weld(bodies[0], poses[0], bodies[1], poses[1], name=name)
+        model.loops.append(loop)
+    for loop in model.loops:
+        add_loop(plant, loop)
+
+
+def _pairs(settings: LoopsFile, source: str) -> list[list[str]]:
+    for pair in settings.closed_loop:
+        if len(pair) != 2:
+            raise ScenarioError(f"{source}: closed_loop has {len(pair)} frames in place of two")
+    return settings.closed_loop
+
+
+def _name_motors(model: Model, patterns: Sequence[str], source: str) -> None:
+    """Names the joints with motors: by patterns, or those that the model has actuators for."""
+    plant = model.plant
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    movable = [joint for joint in joints if joint.num_velocities() > 0]
+    if not patterns:
+        actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        model.motors = model.motors or [actuator.joint().index() for actuator in actuators]
+        return
+    model.motors = []
+    names = [joint.name() for joint in movable]
+    for pattern in patterns:
+        matches = [joint for joint in movable if fnmatch.fnmatchcase(joint.name(), pattern)]
+        if not matches:
+            raise ScenarioError(
+                f"{source}: the model has no joint {quoted(pattern)}{did_you_mean(pattern, names)}"
+            )
+        for joint in matches:
+            if joint.num_velocities() != 1:
+                raise ScenarioError(
+                    f"{source}: the {joint.type_name()} joint {joint.name()} cannot have a motor: "
+                    "it has more than one freedom"
+                )
+            if joint.index() not in model.motors:
+                model.motors.append(joint.index())

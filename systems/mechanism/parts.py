@@ -1,0 +1,68 @@
+"""A model in a plant: what closes its loops, its motors, and its frames and joints by name."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, FrameIndex, Joint, JointIndex
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import did_you_mean, quoted
+from parapod.systems.physics.description import joints_of, unique_names
+from parapod.systems.physics.loops import Loop
+
+
+@dataclass
+class Model:
+    """A model in a plant.
+
+    Attributes:
+        path: its file.
+        plant: the plant, not finalized.
+        loops: constraints that close its loops.
+        motors: its joints with motors, by the file; empty where it names none.
+        notes: parts that are read in another way than they are written, or not at all.
+    """
+
+    path: Path
+    plant: MultibodyPlant
+    loops: list[Loop] = field(default_factory=list)
+    motors: list[JointIndex] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def frame_named(plant: MultibodyPlant, name: str, source: str) -> Frame:
+    """Frame of a name, of a link of the name, or of the child of a joint of the name.
+
+    Raises:
+        ScenarioError: the model has none of the name.
+    """
+    frames = {each: joint.frame_on_child() for each, joint in joints_by_name(plant).items()}
+    every = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
+    frames |= zip(unique_names(every, "frame", set()), every, strict=True)
+    if name in frames:
+        return frames[name]
+    names = [each for each in frames if not each.endswith("_parent")]
+    raise ScenarioError(
+        f"{source}: the model has no frame {quoted(name)}{did_you_mean(name, names)}"
+    )
+
+
+def joint_named(plant: MultibodyPlant, name: str, source: str) -> Joint:
+    """Joint of a name.
+
+    Raises:
+        ScenarioError: the model has none of the name.
+    """
+    joints = joints_by_name(plant)
+    if name in joints:
+        return joints[name]
+    raise ScenarioError(
+        f"{source}: the model has no joint {quoted(name)}{did_you_mean(name, joints)}"
+    )
+
+
+def joints_by_name(plant: MultibodyPlant) -> dict[str, Joint]:
+    """Joints by their names, with the model instance where another one has the same."""
+    joints = joints_of(plant)
+    return dict(zip(unique_names(joints, "joint", set()), joints, strict=True))
