@@ -24,6 +24,7 @@ from parapod.sims.cli import (
     home,
     operate,
     plot,
+    pose,
     replay,
     report,
     run,
@@ -39,7 +40,14 @@ from parapod.systems.core.errors import ParapodError
 # In the order of help, tour and reference.
 GROUPS: dict[str, dict[str, Any]] = {
     "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
-    "look": {"replay": replay, "plot": plot, "draw": draw, "sheet": sheet, "export": export},
+    "look": {
+        "pose": pose,
+        "replay": replay,
+        "plot": plot,
+        "draw": draw,
+        "sheet": sheet,
+        "export": export,
+    },
     "study": {"design": design, "study": study, "compare": compare, "report": report},
     "real machine": {
         "emulate": emulate,

@@ -92,7 +92,8 @@ class _Slider:
 
     def put(self, value: float) -> None:
         """Takes the value of the step that is nearest, within the range."""
-        self.value = min(max(self.step * round(value / self.step), self.low), self.high)
+        nearest = self.step * round(value / self.step) + 0.0  # without the sign of a zero
+        self.value = min(max(nearest, self.low), self.high)
 
 
 @dataclass

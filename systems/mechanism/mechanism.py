@@ -27,12 +27,13 @@ from parapod.systems.mechanism.mobility import (
     Dexterity,
     Mobility,
     dexterity,
+    independent_rows,
     mobility,
     poses_near,
     scaled_jacobian,
 )
 from parapod.systems.mechanism.model import add_model
-from parapod.systems.mechanism.parts import Model, frame_named, joint_named, joints_by_name
+from parapod.systems.mechanism.parts import Model, frames_by_name, joints_by_name, named
 from parapod.systems.mechanism.pose_solver import NOTHING, ROUNDING, Pose, PoseSolver
 from parapod.systems.mechanism.rows import RowSolver
 from parapod.systems.mechanism.tree import Tree
@@ -109,7 +110,8 @@ class Mechanism:
         self.is_length = self._solver.is_length
         self.motor_columns = [joint.velocity_start() for joint in self.motors]
         self._motor_places = [joint.position_start() for joint in self.motors]
-        self._names = {int(j.index()): name for name, j in joints_by_name(plant).items()}
+        self._joints, self._frames = joints_by_name(plant), frames_by_name(plant)
+        self._names = {int(joint.index()): name for name, joint in self._joints.items()}
         self._of_rows: dict[tuple[str, bytes], RowSolver] = {}
 
     @classmethod
@@ -161,7 +163,7 @@ class Mechanism:
         Raises:
             ScenarioError: there is none of the name.
         """
-        return frame_named(self.plant, name, "the mechanism")
+        return named(name, self._frames, "frame", "the mechanism")
 
     def joint(self, name: str) -> Joint:
         """Joint of a name.
@@ -169,7 +171,7 @@ class Mechanism:
         Raises:
             ScenarioError: there is none of the name.
         """
-        return joint_named(self.plant, name, "the mechanism")
+        return named(name, self._joints, "joint", "the mechanism")
 
     def name(self, joint: Joint) -> str:
         """Name of a joint, with its model instance where another one has the same."""
@@ -207,7 +209,10 @@ class Mechanism:
             )
         count = len(self.motors)
         if count > of.freedoms:
-            raise ScenarioError(f"{count} motors are too many for {of.freedoms} freedoms: {names}")
+            raise ScenarioError(
+                f"{count} motors are too many for {of.freedoms} freedoms; name {of.freedoms} of "
+                f"{names}"
+            )
         if of.governed < count:
             raise ScenarioError(
                 f"{count} motors govern {of.governed} freedoms: {names} are coupled by loops"
@@ -268,6 +273,23 @@ class Mechanism:
     def moved(self, q: ArrayLike, change: ArrayLike) -> Floats:
         """Positions (q) after velocities (v) have acted for a unit of time; loops may open."""
         return self._solver.moved(np.asarray(q, dtype=float), np.asarray(change, dtype=float))
+
+    def closed(self, q: ArrayLike) -> Floats | None:
+        """Positions (q) with all loops closed by the smallest step; None: there are none near."""
+        solved = self._solver.newton(self.equations, np.asarray(q, dtype=float))
+        return solved if self._solver.judge(self.equations, solved).is_closed else None
+
+    def free_parts(self, frame: str) -> tuple[int, ...]:
+        """Parts of a frame's pose that the motors can set, each for itself, at home.
+
+        Returns:
+            As many places in x, y, z, roll, pitch, yaw as the frame has freedoms; where there is
+            a choice, those that move the most.
+        """
+        moves = self.frame_jacobian(frame, self.home)
+        scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
+        moves = np.vstack((moves[3:] / self.size, moves[:3])) * scale
+        return independent_rows(moves)
 
     def solve(
         self,

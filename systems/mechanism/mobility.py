@@ -20,6 +20,8 @@ type Floats = NDArray[np.float64]
 # Poses near home at which ranks are taken: at a singular one they are smaller. Size of the steps
 # that lead there [rad, lengths].
 _POSES, _STEP = 3, 0.05
+# Share by which rounding may make one of two equal lengths the longer one [-].
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,19 @@ def null_space(matrix: Floats) -> Floats:
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > NOTHING * values.max(initial=0.0)).sum())
     return np.asarray(right[rank:].T)
+
+
+def independent_rows(matrix: Floats) -> tuple[int, ...]:
+    """Independent rows of a matrix, each the longest beside those before it, in order."""
+    rest, rows = np.array(matrix), list[int]()
+    for _ in range(_rank(matrix)):
+        lengths = np.linalg.norm(rest, axis=1)
+        # The first of those that are about as long, whatever the last bits are.
+        row = int(np.argmax(lengths > (1.0 - _SAME) * lengths.max()))
+        along = rest[row] / lengths[row]
+        rest = rest - np.outer(rest @ along, along)
+        rows.append(row)
+    return tuple(sorted(rows))
 
 
 def poses_near(solver: PoseSolver, home: Floats) -> list[Floats]:

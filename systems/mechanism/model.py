@@ -35,8 +35,9 @@ from parapod.systems.core.quoting import did_you_mean, quoted, quoted_path
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.core.schema import Schema
 from parapod.systems.mechanism.graph import loop_joints, reversed_joints
+from parapod.systems.mechanism.meshes import Drawing, adapt_sdf, adapt_urdf
 from parapod.systems.mechanism.mjcf import add_mjcf
-from parapod.systems.mechanism.parts import Model, frame_named, joint_named
+from parapod.systems.mechanism.parts import Model, frames_by_name, joints_by_name, named
 from parapod.systems.physics.loops import Ball, Loop, Weld, add_loop
 
 _SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml")
@@ -138,33 +139,43 @@ def _add_by_drake(model: Model) -> None:
     parser = Parser(model.plant)
     parser.SetAutoRenaming(True)
     parser.package_map().PopulateFromFolder(str(model.path.resolve().parent))
+    text, drawings = _readable(model)
     with _warnings(model.notes):
         try:
-            text = _readable(model)
             if text is None:
                 parser.AddModels(model.path)
             else:
                 parser.AddModelsFromString(text, model.path.suffix[1:].lower())
+            for number, drawing in enumerate(drawings):
+                drawing.add_to(model.plant, number)
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise ScenarioError(f"cannot read {quoted_path(model.path)}: {reason}") from None
 
 
-def _readable(model: Model) -> str | None:
-    """An SDFormat with `revolute2` in a way that Drake reads; None: as it is."""
-    if model.path.suffix.lower() != ".sdf":
-        return None
+def _readable(model: Model) -> tuple[str | None, list[Drawing]]:
+    """A file as Drake reads it, None: as it is; and STLs that are to be drawn beside it."""
+    form = model.path.suffix.lower()
+    if form not in (".urdf", ".sdf"):
+        return None, []
     try:
         root = ElementTree.parse(model.path).getroot()
     except ElementTree.ParseError:
-        return None  # Drake says what is wrong, and where
+        return None, []  # Drake says what is wrong, and where
+    ElementTree.register_namespace("drake", "http://drake.mit.edu")
+    is_drawn, notes = model.plant.geometry_source_is_registered(), list[str]()
+    drawings = []
+    if form == ".urdf":
+        drawings = adapt_urdf(root, model.path.parent, notes)
+    else:
+        adapt_sdf(root, model.path.parent, notes)
+    model.notes += notes if is_drawn else []
     doubles = [joint for joint in root.iter("joint") if joint.get("type") == "revolute2"]
     for joint in doubles:
         joint.set("type", "universal")
-    if not doubles:
-        return None
-    model.notes.append(f"{len(doubles)} joints revolute2 are read as universal")
-    return ElementTree.tostring(root, encoding="unicode")
+    if doubles:
+        model.notes.append(f"{len(doubles)} joints revolute2 are read as universal")
+    return ElementTree.tostring(root, encoding="unicode"), drawings if is_drawn else []
 
 
 @contextmanager
@@ -191,7 +202,7 @@ def _change_joints(model: Model, settings: LoopsFile, source: str) -> None:
     for name, kind in zip(settings.joint_name, settings.joint_type, strict=True):
         if kind == "FIXED":
             continue  # as it is: the convention has the joint taken out of its list
-        joint = joint_named(model.plant, name, source)
+        joint = named(name, joints_by_name(model.plant), "joint", source)
         first, second = (_AXES.get(axis) for axis in kind.removeprefix("UJOINT_").ljust(2)[:2])
         is_universal = kind.startswith("UJOINT_") and None not in (first, second)
         if kind != "SPHERICAL" and not (is_universal and first != second):
@@ -315,9 +326,9 @@ def _turned_frames(
 
 def _close(model: Model, settings: LoopsFile, source: str) -> None:
     """Adds the loops of the file beside the model, and those that the model has as joints."""
-    plant = model.plant
+    plant, every_frame = model.plant, frames_by_name(model.plant)
     for (one, other), kind in zip(_pairs(settings, source), settings.type, strict=True):
-        frames = [frame_named(plant, name, source) for name in (one, other)]
+        frames = [named(name, every_frame, "frame", source) for name in (one, other)]
         if kind.lower() not in _KINDS:
             raise ScenarioError(f"{source}: type {quoted(kind)} is not one of 3d, 6d")
         poses = [frame.GetFixedPoseInBodyFrame() for frame in frames]

@@ -1,5 +1,6 @@
 """A model in a plant: what closes its loops, its motors, and its frames and joints by name."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,35 +32,29 @@ class Model:
     notes: list[str] = field(default_factory=list)
 
 
-def frame_named(plant: MultibodyPlant, name: str, source: str) -> Frame:
-    """Frame of a name, of a link of the name, or of the child of a joint of the name.
+def named[P](name: str, parts: Mapping[str, P], kind: str, source: str) -> P:
+    """Part of a name.
+
+    Args:
+        name: the name.
+        parts: parts by their names.
+        kind: word for such a part.
+        source: file or thing that asks for it.
 
     Raises:
-        ScenarioError: the model has none of the name.
+        ScenarioError: there is none of the name.
     """
+    if name in parts:
+        return parts[name]
+    near = did_you_mean(name, [each for each in parts if not each.endswith("_parent")])
+    raise ScenarioError(f"{source}: the model has no {kind} {quoted(name)}{near}")
+
+
+def frames_by_name(plant: MultibodyPlant) -> dict[str, Frame]:
+    """Frames by their names, those of links among them, and of joints' children."""
     frames = {each: joint.frame_on_child() for each, joint in joints_by_name(plant).items()}
     every = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
-    frames |= zip(unique_names(every, "frame", set()), every, strict=True)
-    if name in frames:
-        return frames[name]
-    names = [each for each in frames if not each.endswith("_parent")]
-    raise ScenarioError(
-        f"{source}: the model has no frame {quoted(name)}{did_you_mean(name, names)}"
-    )
-
-
-def joint_named(plant: MultibodyPlant, name: str, source: str) -> Joint:
-    """Joint of a name.
-
-    Raises:
-        ScenarioError: the model has none of the name.
-    """
-    joints = joints_by_name(plant)
-    if name in joints:
-        return joints[name]
-    raise ScenarioError(
-        f"{source}: the model has no joint {quoted(name)}{did_you_mean(name, joints)}"
-    )
+    return frames | dict(zip(unique_names(every, "frame", set()), every, strict=True))
 
 
 def joints_by_name(plant: MultibodyPlant) -> dict[str, Joint]:

@@ -17,7 +17,6 @@ from pydrake.multibody.inverse_kinematics import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import MathematicalProgram, SnoptSolver
-from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
 from parapod.systems.mechanism.equations import Equation, FrameTarget, Gap, gap_of
 
@@ -169,6 +168,9 @@ class PoseSolver:
         self, equations: Sequence[Equation], start: Floats, columns: NDArray[np.intp]
     ) -> Floats:
         """Positions that miss equations by the least sum of squares, where none fulfil them."""
+        # Loaded where it is needed: that takes longer than to read a model.
+        from scipy.optimize import least_squares  # type: ignore[import-untyped]
+
         scale = np.where(self.is_length, self.size, 1.0)[columns]
 
         def moved(step: Floats) -> Floats:

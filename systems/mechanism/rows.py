@@ -12,12 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr  # type: ignore[import-untyped]
-from scipy.sparse import csr_array  # type: ignore[import-untyped]
-from scipy.sparse.csgraph import (  # type: ignore[import-untyped]
-    connected_components,
-    maximum_bipartite_matching,
-)
 
 from parapod.systems.mechanism.equations import (
     BallEquation,
@@ -27,6 +21,7 @@ from parapod.systems.mechanism.equations import (
     FrameTarget,
     WeldEquation,
 )
+from parapod.systems.mechanism.mobility import independent_rows
 from parapod.systems.mechanism.tree import (
     Number,
     RowPose,
@@ -372,11 +367,17 @@ class RowSolver:
                         matrix[first + k, j] = np.ravel(rate)[0] * scale
                         depends[first + k, j] = not (type(rate) is float and rate == 0.0)
             first += equation.size
-        rank = int(np.linalg.matrix_rank(matrix, _NOTHING)) if matrix.size else 0
-        if rank == 0:
+        used = list(independent_rows(matrix))
+        free = list(independent_rows(matrix[used].T))
+        if not used:
             return []
-        used = np.sort(qr(matrix.T, mode="r", pivoting=True)[1][:rank])
-        free = np.sort(qr(matrix[used], mode="r", pivoting=True)[1][:rank])
+        # Loaded where it is needed: that takes longer than to read a model.
+        from scipy.sparse import csr_array  # type: ignore[import-untyped]
+        from scipy.sparse.csgraph import (  # type: ignore[import-untyped]
+            connected_components,
+            maximum_bipartite_matching,
+        )
+
         part = depends[np.ix_(used, free)]
         matched = maximum_bipartite_matching(csr_array(part), perm_type="column")
         # Equation i is solved for velocity matched[i]; blocks are what hangs together both ways.

@@ -1,5 +1,6 @@
 """A plant as files describe machines: one tree of links, with names that no other thing has."""
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -248,7 +249,8 @@ def unique_names(parts: Sequence[Any], kind: str, used_names: set[str]) -> list[
         name, instance = part.name(), part.GetParentPlant().GetModelInstanceName
         if counts[name] > 1 or name in used_names:
             name = f"{instance(part.model_instance())}_{name}"
-        tries = (name, f"{name}_{kind}", *(f"{name}_{i}" for i in range(2, len(parts) + 3)))
+        numbered = (f"{name}_{i}" for i in range(2, len(parts) + 3))
+        tries = itertools.chain((name, f"{name}_{kind}"), numbered)
         names.append(next(each for each in tries if each not in used_names))
         used_names.add(names[-1])
     return names
