@@ -17,6 +17,7 @@ from parapod.sims.cli import (
     bench_rt,
     check,
     compare,
+    convert,
     design,
     draw,
     emulate,
@@ -42,6 +43,7 @@ GROUPS: dict[str, dict[str, Any]] = {
     "run": {"list": list_command, "scenario": scenario, "run": run, "operate": operate},
     "look": {
         "pose": pose,
+        "convert": convert,
         "replay": replay,
         "plot": plot,
         "draw": draw,

@@ -80,7 +80,7 @@ class Poser:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
         if meshcat is None:
             plant = type(plant)(1e-3)
-        model = add_model(plant)
+        model = self._model = add_model(plant)  # whose meshes are there as long as it is
         plant.Finalize()
         self.mechanism = Mechanism.of_model(model)
         self.mechanism.check_motors()

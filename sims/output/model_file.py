@@ -116,7 +116,7 @@ def notes(tree: Description, form: str) -> list[str]:
         if forces:
             lines.append(f"not in {title}: {forces} springs or bushings")
     if tree.constraints.others:
-        lines.append(f"not in {title}: {tree.constraints.others} distances or tendons")
+        lines.append(f"not in {title}: {tree.constraints.others} springs of points or tendons")
     if locked := [
         name
         for name, joint in zip(tree.joint_names, tree.joints, strict=True)

@@ -126,8 +126,8 @@ class Mechanism:
 
         Args:
             path: URDF, SDFormat, MJCF, or model directives (.dmd.yaml).
-            loops_file: file of its loops and motors, see `LoopsFile`; None: the YAML file of the
-                model's name beside it, where there is one.
+            loops_file: file of its loops and motors, see `LoopsFile`; None: the one beside it, see
+                `add_model`.
             motors: joints with motors, in place of those of the files; * and ? stand for any
                 characters.
             is_free: false welds the base to the world, true does not; None: as an MJCF says, and

@@ -11,15 +11,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common import MemoryFile
-from pydrake.geometry import (
-    GeometryInstance,
-    InMemoryMesh,
-    MakePhongIllustrationProperties,
-    Mesh,
-)
+from pydrake.geometry import GeometryInstance, MakePhongIllustrationProperties
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import MultibodyPlant
+
+from parapod.systems.mechanism.parts import Model
 
 # Suffixes of meshes that Drake draws.
 _DRAWN = (".obj", ".gltf", ".vtk")
@@ -47,10 +42,10 @@ class Drawing:
     scale: NDArray[np.float64]
     colour: NDArray[np.float64]
 
-    def add_to(self, plant: MultibodyPlant, number: int) -> None:
+    def add_to(self, model: Model, number: int) -> None:
         """Registers it as a visual of its link, with a number that no other one has."""
-        corners = read_stl(self.path) * self.scale
-        mesh = stl_as_mesh(corners, self.path.name)
+        plant = model.plant
+        mesh = model.mesh(self.path.stem, as_obj(read_stl(self.path) * self.scale))
         instance = GeometryInstance(self.pose, mesh, f"stl_{number}_{self.path.stem}")
         instance.set_illustration_properties(MakePhongIllustrationProperties(self.colour))
         plant.RegisterVisualGeometry(plant.GetBodyByName(self.link), instance)
@@ -151,13 +146,12 @@ def read_stl(path: Path) -> NDArray[np.float64]:
     return np.array(numbers, dtype=float).reshape(-1, 3, 3)
 
 
-def stl_as_mesh(corners: NDArray[np.float64], name: str) -> Mesh:
-    """A mesh that Drake draws, of triangles (n, 3, 3) [m]."""
+def as_obj(corners: NDArray[np.float64]) -> str:
+    """Triangles (n, 3, 3) [m] as Wavefront OBJ."""
     vertices, faces = np.unique(corners.reshape(-1, 3).round(7), axis=0, return_inverse=True)
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in vertices.tolist()]
     lines += [f"f {i + 1} {j + 1} {k + 1}" for i, j, k in faces.reshape(-1, 3).tolist()]
-    content = MemoryFile(contents="\n".join(lines), extension=".obj", filename_hint=name)
-    return Mesh(InMemoryMesh(mesh_file=content), 1.0)
+    return "\n".join(lines) + "\n"
 
 
 def _materials(root: Element) -> Iterator[tuple[str, NDArray[np.float64]]]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common import MemoryFile
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import (
     Box,
@@ -18,7 +17,6 @@ from pydrake.geometry import (
     Ellipsoid,
     GeometryInstance,
     HalfSpace,
-    InMemoryMesh,
     MakePhongIllustrationProperties,
     Mesh,
     Sphere,
@@ -41,8 +39,9 @@ from pydrake.multibody.tree import (
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
+from parapod.systems.mechanism.hinges import LIGHT, PLAIN_AXES, add_hinges
 from parapod.systems.mechanism.parts import Model
-from parapod.systems.physics.loops import Ball, Coupling, Weld
+from parapod.systems.physics.loops import Ball, Coupling, Distance, Weld
 
 # Parts of an MJCF without counterpart, by the counts that MuJoCo keeps of them.
 _LEFT_OUT = {
@@ -74,9 +73,10 @@ def add_mjcf(model: Model) -> None:
     """
     mujoco: Any = need("mujoco")
     try:
-        spec = mujoco.MjSpec.from_file(str(model.path))
+        spec = mujoco.MjSpec.from_string(model.path.read_text(encoding="utf-8"))
+        spec.modelfiledir = str(model.path.resolve().parent)
         compiled = spec.compile()
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         raise ScenarioError(f"cannot read {quoted_path(model.path)}: {reason}") from None
     _Reader(mujoco, spec, compiled, model).read()
@@ -90,6 +90,7 @@ class _Reader:
         self._model, self._plant = model, model.plant
         self._bodies: list[RigidBody] = [self._plant.world_body()]
         self._joints: list[Joint | None] = []
+        self._rods = 0
 
     def read(self) -> None:
         """Puts all of the model into the plant."""
@@ -103,7 +104,8 @@ class _Reader:
         for actuator in range(self._compiled.nu):
             self._add_motor(actuator)
         for count, what in _LEFT_OUT.items():
-            if number := int(getattr(self._compiled, count)):
+            number = int(getattr(self._compiled, count))
+            if number := number - (self._rods if count == "ntendon" else 0):
                 self._model.notes.append(f"not read: {number} {what}")
         stiff = [joint for joint, loss in self._losses() if loss]
         if stiff:
@@ -132,7 +134,8 @@ class _Reader:
             self._plant.WeldFrames(parent.body_frame(), body.body_frame(), X_PB)
         for joint in range(first, first + count):
             is_last = joint == first + count - 1
-            child = body if is_last else self._plant.AddRigidBody(f"{name}_{joint}", _NOTHING)
+            light = LIGHT if self._model.is_plain else _NOTHING
+            child = body if is_last else self._plant.AddRigidBody(f"{name}_{joint}", light)
             self._add_joint(joint, parent, child, X_PB)
             parent, X_PB = child, RigidTransform()
 
@@ -159,12 +162,23 @@ class _Reader:
             self._offset(f"{name}_on_child", child, anchor),
         )
         rest = float(compiled.qpos_spring[compiled.jnt_qposadr[index]])
+        is_beside = bool(anchor.translation().any())
         if kind == kinds.mjJNT_BALL:
-            added: Any = self._plant.AddJoint(BallRpyJoint(name, *ends, damping))
+            if self._model.is_plain:
+                hinges = add_hinges(self._plant, name, *ends, PLAIN_AXES["ball_rpy"])
+                for hinge in hinges:
+                    hinge.set_default_damping(damping)
+                added: Any = hinges[-1]
+            else:
+                added = self._plant.AddJoint(BallRpyJoint(name, *ends, damping))
             if spring:
                 self._model.notes.append(f"not read: the stiffness of the ball joint {name}")
         elif kind == kinds.mjJNT_HINGE:
-            added = self._plant.AddJoint(RevoluteJoint(name, *ends, axis, damping))
+            if self._model.is_plain and is_beside:
+                (added,) = add_hinges(self._plant, name, *ends, {"": tuple(axis)})
+                added.set_default_damping(damping)
+            else:
+                added = self._plant.AddJoint(RevoluteJoint(name, *ends, axis, damping))
             if spring:
                 self._plant.AddForceElement(RevoluteSpring(added, rest, spring))
         else:
@@ -190,6 +204,13 @@ class _Reader:
             self._model.notes.append(f"not read: {name}, which is not active")
         elif kind == kinds.mjEQ_JOINT:
             self._add_coupling(name, one, other, data)
+        elif kind == kinds.mjEQ_TENDON and other < 0 and (ends := self._rod(one)):
+            (body, X_AP), (far, X_BQ) = ends
+            label = compiled.equality(index).name or f"{body.name()} - {far.name()}"
+            length = float(compiled.tendon_length0[one] + data[0])
+            self._model.loops.append(
+                Distance(body, X_AP.translation(), far, X_BQ.translation(), length, label)
+            )
         elif kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
             is_ball = kind == kinds.mjEQ_CONNECT
             if int(compiled.eq_objtype[index]) == int(self._mujoco.mjtObj.mjOBJ_SITE):
@@ -213,8 +234,20 @@ class _Reader:
             word = str(kind.name).removeprefix("mjEQ_").lower()
             raise ScenarioError(
                 f"cannot read {quoted_path(self._model.path)}: {name} is an equality of the kind "
-                f"{word}; connect, weld and joint are read"
+                f"{word}; connect, weld, joint and tendons as rods are read"
             )
+
+    def _rod(self, tendon: int) -> list[tuple[RigidBody, RigidTransform]]:
+        """Ends of a tendon that goes from one site straight to another; none of another one."""
+        compiled = self._compiled
+        first, count = int(compiled.tendon_adr[tendon]), int(compiled.tendon_num[tendon])
+        is_site = compiled.wrap_type[first : first + count] == int(
+            self._mujoco.mjtWrap.mjWRAP_SITE
+        )
+        if count != 2 or not is_site.all():
+            return []
+        self._rods += 1
+        return [self._site(int(site)) for site in compiled.wrap_objid[first : first + 2]]
 
     def _site(self, index: int) -> tuple[RigidBody, RigidTransform]:
         compiled = self._compiled
@@ -289,8 +322,7 @@ class _Reader:
         lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners.tolist()]
         lines += [f"f {i + 1} {j + 1} {k + 1}" for i, j, k in faces.tolist()]
         name = self._name("mesh", index)
-        kind: Any = InMemoryMesh
-        return Mesh(kind(MemoryFile("\n".join(lines), ".obj", name)))
+        return self._model.mesh(name, "\n".join(lines) + "\n")
 
 
 def _transform(position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> RigidTransform:

@@ -26,8 +26,11 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
     Joint,
+    PrismaticJoint,
+    RevoluteJoint,
     SpatialInertia,
     UniversalJoint,
+    WeldJoint,
 )
 
 from parapod.systems.core.errors import ScenarioError
@@ -35,6 +38,7 @@ from parapod.systems.core.quoting import did_you_mean, quoted, quoted_path
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.core.schema import Schema
 from parapod.systems.mechanism.graph import loop_joints, reversed_joints
+from parapod.systems.mechanism.hinges import PLAIN_AXES, add_hinges
 from parapod.systems.mechanism.meshes import Drawing, adapt_sdf, adapt_urdf
 from parapod.systems.mechanism.mjcf import add_mjcf
 from parapod.systems.mechanism.parts import Model, frames_by_name, joints_by_name, named
@@ -77,18 +81,20 @@ def add_model(
     loops_file: Path | None = None,
     motors: Sequence[str] = (),
     is_free: bool | None = None,
+    is_plain: bool = False,
 ) -> Model:
     """Adds a model and its loops to a plant.
 
     Args:
         plant: not finalized, and empty.
         path: the model's file.
-        loops_file: file of a `LoopsFile`; None: the YAML file of the model's name beside it,
-            where there is one.
+        loops_file: file of a `LoopsFile`; None: beside the model, where there is one, the file of
+            its name with .yaml behind it or in place of the suffix. An MJCF needs none.
         motors: joints with motors, in place of those that the files name; * and ? stand for any
             characters.
         is_free: false welds the first link that hangs on nothing to the world, true does not;
             None: what an MJCF says, and false for other files.
+        is_plain: true if its joints are to be hinges and slides alone, see `Model`.
 
     Raises:
         ScenarioError: a file that cannot be read, or names what the model does not have.
@@ -99,7 +105,7 @@ def add_model(
         suffixes = ", ".join(_SUFFIXES)
         raise ScenarioError(f"{quoted_path(path)}: the suffix of a model is one of {suffixes}")
     settings, source = _settings(path, loops_file)
-    model = Model(path, plant)
+    model = Model(path, plant, is_plain=is_plain)
     if _is_mjcf(path):
         add_mjcf(model)
     else:
@@ -109,6 +115,9 @@ def add_model(
     if not is_free and not (is_free is None and _is_mjcf(path)):
         _weld_base(plant)
     _turn_round(model)
+    if is_plain and not _is_mjcf(path):
+        for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
+            _make_plain(model, joint)
     _close(model, settings, source)
     _name_motors(model, tuple(motors) or tuple(settings.name_mot), source)
     return model
@@ -121,8 +130,10 @@ def _is_mjcf(path: Path) -> bool:
 def _settings(path: Path, loops_file: Path | None) -> tuple[LoopsFile, str]:
     """Loops beside a model, and the name of their file."""
     name = path.name.removesuffix(".dmd.yaml").removesuffix(path.suffix)
-    beside = path.with_name(f"{name}.yaml")
-    file = loops_file if loops_file is not None else beside if beside.is_file() else None
+    # An MJCF has all that it needs, and may be beside a URDF that has not.
+    usual = [] if _is_mjcf(path) else [f"{path.name}.yaml", f"{name}.yaml"]
+    beside = (file for file in map(path.with_name, usual) if file.is_file())
+    file = loops_file if loops_file is not None else next(beside, None)
     if file is None:
         return LoopsFile(), quoted_path(path)
     settings = load_scenario(LoopsFile, file=file)
@@ -147,7 +158,7 @@ def _add_by_drake(model: Model) -> None:
             else:
                 parser.AddModelsFromString(text, model.path.suffix[1:].lower())
             for number, drawing in enumerate(drawings):
-                drawing.add_to(model.plant, number)
+                drawing.add_to(model, number)
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise ScenarioError(f"cannot read {quoted_path(model.path)}: {reason}") from None
@@ -221,10 +232,13 @@ def _change_joints(model: Model, settings: LoopsFile, source: str) -> None:
         model.plant.AddJoint(UniversalJoint(name, *ends))
 
 
-def _remove_joint(plant: MultibodyPlant, joint: Joint) -> None:
+def _remove_joint(plant: MultibodyPlant, joint: Joint) -> float | None:
+    """Removes a joint and its actuator; returns the effort of that, None where it had none."""
+    effort = None
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         if actuator.joint().index() == joint.index():
+            effort = actuator.effort_limit()
             plant.RemoveJointActuator(actuator)
     try:
         plant.RemoveJoint(joint)
@@ -233,6 +247,7 @@ def _remove_joint(plant: MultibodyPlant, joint: Joint) -> None:
             f"the joint {joint.name()} cannot be cut or changed in a model that has constraints "
             f"of its own: {' '.join(str(error).split())}"
         ) from None
+    return effort
 
 
 def _cut_loops(model: Model) -> None:
@@ -276,7 +291,7 @@ def _split(model: Model, joint: Any) -> None:
     ]
     if joint.type_name() == "screw":
         axes.append(0.0)  # damping
-    limits = joint.position_lower_limits(), joint.position_upper_limits()
+    limits = _limits(joint)
     _remove_joint(plant, joint)
     plant.AddJoint(kind(name, parent, end, *axes)).set_position_limits(*limits)
     model.loops.append(Weld(body, RigidTransform(), link, RigidTransform(), name=name))
@@ -297,20 +312,68 @@ def _weld_base(plant: MultibodyPlant) -> None:
 
 
 def _turn_round(model: Model) -> None:
-    """Turns joints round that Drake can only have with their parents nearer to the world."""
+    """Turns joints round whose parents are farther from the world.
+
+    Drake has hinges, slides and welds that are, but formats have none.
+    """
     plant = model.plant
     for joint in reversed_joints(plant):
-        name, kind = joint.name(), joint.type_name()
-        if kind not in ("universal", "ball_rpy"):
-            continue
+        name, kind, turn = joint.name(), joint.type_name(), joint
         parent, child = joint.frame_on_child(), joint.frame_on_parent()
+        if kind in ("universal", "ball_rpy"):
+            _remove_joint(plant, joint)
+            if kind == "ball_rpy":
+                plant.AddJoint(BallRpyJoint(name, parent, child))
+            else:
+                ends = _turned_frames(plant, name, (parent, child), _REVERSED)
+                plant.AddJoint(UniversalJoint(name, *ends))
+            model.notes.append(f"the {kind} joint {name} is turned round: its angles are others")
+        elif model.is_plain and kind in ("revolute", "prismatic", "weld"):
+            _replace_by_reversed(plant, turn, parent, child)
+
+
+def _replace_by_reversed(plant: MultibodyPlant, joint: Any, parent: Frame, child: Frame) -> None:
+    """Puts a hinge, slide or weld between its links the other way round, positions as they are."""
+    name, kind = joint.name(), joint.type_name()
+    if kind == "weld":
+        X_FM = RigidTransform(joint.X_FM())
         _remove_joint(plant, joint)
-        if kind == "ball_rpy":
-            plant.AddJoint(BallRpyJoint(name, parent, child))
-        else:
-            ends = _turned_frames(plant, name, (parent, child), _REVERSED)
-            plant.AddJoint(UniversalJoint(name, *ends))
-        model.notes.append(f"the {kind} joint {name} is turned round: its angles are others")
+        plant.AddJoint(WeldJoint(name, parent, child, X_FM.inverse()))
+        return
+    is_hinge = kind == "revolute"
+    axis = -np.array(joint.revolute_axis() if is_hinge else joint.translation_axis())
+    limits, damping = _limits(joint), float(joint.default_damping_vector()[0])
+    effort = _remove_joint(plant, joint)
+    turned_kind = RevoluteJoint if is_hinge else PrismaticJoint
+    added: Any = plant.AddJoint(turned_kind(name, parent, child, axis))
+    added.set_default_damping(damping)
+    added.set_position_limits(*limits)
+    if effort is not None:
+        plant.AddJointActuator(name, added, effort)
+
+
+def _make_plain(model: Model, joint: Any) -> None:
+    """Puts hinges at origins of links in place of a joint that not every format has."""
+    plant, kind, name = model.plant, joint.type_name(), joint.name()
+    parent, child = joint.frame_on_parent(), joint.frame_on_child()
+    is_beside = child.GetFixedPoseInBodyFrame().translation().any()
+    if kind not in PLAIN_AXES and not (kind == "revolute" and is_beside):
+        return
+    axes = PLAIN_AXES.get(kind) or {"": tuple(joint.revolute_axis())}
+    limits = _limits(joint)
+    damping = joint.default_damping_vector().tolist()  # a copy: the joint goes
+    effort = _remove_joint(plant, joint)
+    for k, hinge in enumerate(add_hinges(plant, name, parent, child, axes)):
+        hinge.set_default_damping(damping[min(k, len(damping) - 1)])
+        if len(axes) == 1:
+            hinge.set_position_limits(*limits)
+            if effort is not None:
+                plant.AddJointActuator(name, hinge, effort)
+
+
+def _limits(joint: Joint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Copies of a joint's limits, which stay when the joint goes."""
+    return np.array(joint.position_lower_limits()), np.array(joint.position_upper_limits())
 
 
 def _turned_frames(
@@ -376,3 +439,19 @@ def _name_motors(model: Model, patterns: Sequence[str], source: str) -> None:
                 )
             if joint.index() not in model.motors:
                 model.motors.append(joint.index())
+    _fit_actuators(model)
+
+
+def _fit_actuators(model: Model) -> None:
+    """Gives each motor an actuator, and takes those of other joints away."""
+    plant = model.plant
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        if actuator.joint().index() not in model.motors:
+            plant.RemoveJointActuator(actuator)
+    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    driven = {actuator.joint().index() for actuator in actuators}
+    for motor in model.motors:
+        if motor not in driven:
+            joint = plant.get_joint(motor)
+            plant.AddJointActuator(joint.name(), joint)

@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from pydrake.geometry import Mesh
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, FrameIndex, Joint, JointIndex
 
@@ -23,6 +26,8 @@ class Model:
         loops: constraints that close its loops.
         motors: its joints with motors, by the file; empty where it names none.
         notes: parts that are read in another way than they are written, or not at all.
+        is_plain: true if its joints are hinges and slides alone, at the origins of their links, as
+            all formats have them; light links are between those of one universal or ball joint.
     """
 
     path: Path
@@ -30,6 +35,25 @@ class Model:
     loops: list[Loop] = field(default_factory=list)
     motors: list[JointIndex] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    is_plain: bool = False
+    _meshes: dict[str, Path] = field(default_factory=dict)
+
+    @cached_property
+    def _folder(self) -> TemporaryDirectory[str]:
+        return TemporaryDirectory(prefix="parapod-meshes-")
+
+    def mesh(self, name: str, text: str) -> Mesh:
+        """A mesh for the plant, in a file that is there as long as the model is.
+
+        Args:
+            name: name of the mesh.
+            text: its content as Wavefront OBJ.
+        """
+        if text not in self._meshes:
+            path = Path(self._folder.name) / f"{name}_{len(self._meshes)}.obj"
+            path.write_text(text, encoding="utf-8")
+            self._meshes[text] = path
+        return Mesh(str(self._meshes[text]), 1.0)
 
 
 def named[P](name: str, parts: Mapping[str, P], kind: str, source: str) -> P:

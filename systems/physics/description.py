@@ -25,7 +25,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context
 
 from parapod.systems.core.errors import WiringError
-from parapod.systems.physics.loops import Coupling, find_constraints
+from parapod.systems.physics.loops import Coupling, Distance, Loop, find_constraints, held_body
 
 KINDS: dict[type, str] = {
     RevoluteJoint: "revolute",
@@ -62,16 +62,19 @@ class Closure:
     """Two frames that a constraint holds together.
 
     Attributes:
-        kind: "ball" for their origins, "weld" for both as a whole.
+        kind: "ball" for their origins, "weld" for both as a whole, "rod" for a distance of their
+            origins.
         names: names of the frames.
         links: names of their links.
         poses: their poses in the frames of the links.
+        length: distance of a rod [m].
     """
 
     kind: str
     names: tuple[str, str]
     links: tuple[str, str]
     poses: tuple[RigidTransform, RigidTransform]
+    length: float = 0.0
 
     def __str__(self) -> str:
         ends = []
@@ -101,7 +104,12 @@ class Description:
     """
 
     def __init__(
-        self, plant: MultibodyPlant, context: Context, scene_graph: SceneGraph, name: str
+        self,
+        plant: MultibodyPlant,
+        context: Context,
+        scene_graph: SceneGraph,
+        name: str,
+        loops: Sequence[Loop] = (),
     ):
         """Names what a plant has.
 
@@ -110,6 +118,7 @@ class Description:
             context: context in which the machine stands; its parameters are used_names.
             scene_graph: holds the geometry of the plant.
             name: name of the model in the file.
+            loops: those that were added by `add_loop`; they need not be searched for.
 
         Raises:
             WiringError: joints of a kind, or a body on two joints, that files do not know.
@@ -124,18 +133,20 @@ class Description:
         used_names = {"world"}
         self.links = ["world", *unique_names(self.bodies[1:], "link", used_names)]
         self.joint_names = unique_names(self.joints, "joint", used_names)
-        automatic = {f"{joint.name()}_parent" for joint in self.joints}
+        sides = ("parent", "child")
+        automatic = {f"{joint.name()}_{side}" for joint in self.joints for side in sides}
         frames = [
             frame
             for frame in map(plant.get_frame, map(FrameIndex, range(plant.num_frames())))
             if not (frame.is_body_frame() or frame.is_ephemeral() or frame.name() in automatic)
+            and not frame.name().startswith("__")  # reserved in SDFormat
         ]
         names = unique_names(frames, "frame", used_names)
         self.frames = [
             (name, self.link(frame.body()), frame.CalcPoseInBodyFrame(context))
             for name, frame in zip(names, frames, strict=True)
         ]
-        self.constraints = find_constraints(plant)
+        self.constraints = find_constraints(plant, loops)
         ends: list[tuple[str, RigidBody, Any, RigidBody, Any]] = [
             ("ball", ball.body, ball.point, ball.other, ball.other_point)
             for ball in self.constraints.balls
@@ -144,14 +155,20 @@ class Description:
             ("weld", weld.body, weld.frame, weld.other, weld.other_frame)
             for weld in self.constraints.welds
         ]
+        rods = self.constraints.of(Distance)
+        ends += [("rod", rod.body, rod.point, rod.other, rod.other_point) for rod in rods]
+        lengths = [0.0] * (len(ends) - len(rods)) + [rod.distance for rod in rods]
         self.closures = [
             Closure(
                 kind,
                 (f"loop_{i}_a", f"loop_{i}_b"),
-                (self.link(one), self.link(other)),
+                (self.link(held_body(plant, one)), self.link(held_body(plant, other))),
                 (RigidTransform(of_one), RigidTransform(of_other)),
+                length,
             )
-            for i, (kind, one, of_one, other, of_other) in enumerate(ends, start=1)
+            for i, ((kind, one, of_one, other, of_other), length) in enumerate(
+                zip(ends, lengths, strict=True), start=1
+            )
         ]
         indices = plant.GetJointActuatorIndices()
         self.actuators: dict[str, JointActuator] = {

@@ -148,6 +148,12 @@ def add_loop(plant: MultibodyPlant, loop: Loop) -> None:
         plant.AddDistanceConstraint(one, points[0], other, points[1], loop.distance)
 
 
+def held_body(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
+    """The body that `add_loop` has put into a constraint in place of another one."""
+    is_world = body.index() == plant.world_body().index()
+    return plant.GetBodyByName(_ANCHOR) if is_world and plant.HasBodyNamed(_ANCHOR) else body
+
+
 def _movable(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
     """The body; in place of the world, one that is welded to it."""
     if body.index() != plant.world_body().index():

@@ -32,6 +32,8 @@ from parapod.systems.physics.description import KINDS, Description, Shape
 
 # Number that other programs read where there is no limit, which they cannot leave out.
 ENDLESS = sys.float_info.max
+# Stiffness of a rod [N/m]: Drake reads none from a file that is infinite.
+_STIFF = 1e9
 # Side of the box in the place of a half space, where the format has none [m].
 _GROUND = 100.0
 _MOMENTS = {
@@ -128,16 +130,23 @@ class _Writer:
         if (axis := self.tree.belt(body)) is not None:
             self.leaf(link, "drake:surface_velocity_axis", _text(axis), "axis")
 
-    def balls(self, parent: Element) -> None:
-        """Adds the ball joints that close loops."""
+    def loops(self, parent: Element) -> None:
+        """Adds the ball joints and rods that close loops."""
         for closure in self.tree.closures:
-            if closure.kind == "ball":
-                ball = SubElement(parent, "drake:ball_constraint")
-                for letter, link in zip("AB", closure.links, strict=True):
-                    self.leaf(ball, f"drake:ball_constraint_body_{letter}", link, "name")
-                for point, pose in zip(("AP", "BQ"), closure.poses, strict=True):
-                    place = _text(pose.translation())
-                    self.leaf(ball, f"drake:ball_constraint_p_{point}", place)
+            tag = {"ball": "drake:ball_constraint", "rod": "drake:distance_constraint"}.get(
+                closure.kind
+            )
+            if tag is None:
+                continue
+            loop = SubElement(parent, tag)
+            for letter, link in zip("AB", closure.links, strict=True):
+                self.leaf(loop, f"{tag}_body_{letter}", link, "name")
+            for point, pose in zip(("AP", "BQ"), closure.poses, strict=True):
+                self.leaf(loop, f"{tag}_p_{point}", _text(pose.translation()))
+            if closure.kind == "rod":
+                self.leaf(loop, f"{tag}_distance", _text(closure.length))
+                self.leaf(loop, f"{tag}_stiffness", _text(_STIFF))
+                self.leaf(loop, f"{tag}_damping", _text(0.0))
 
     def drive(self, parent: Element, name: str) -> None:
         """Adds servo and rotor of a joint's actuator."""
@@ -218,7 +227,7 @@ def urdf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
             _urdf_tree(fixed, on, end, pose)
     for frame, on, pose in tree.frames:
         SubElement(root, "frame", {"name": frame, "link": on} | _origin(pose))
-    writer.balls(root)
+    writer.loops(root)
     return writer.text()
 
 
@@ -307,7 +316,7 @@ def sdf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) ->
         if link != "world":
             frame = SubElement(model, "frame", name=name, attached_to=link)
             SubElement(frame, "pose").text = _pose(pose)
-    writer.balls(model)
+    writer.loops(model)
     return writer.text()
 
 

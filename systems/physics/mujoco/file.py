@@ -11,6 +11,7 @@ import numpy as np
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.extras import need
 from parapod.systems.physics.description import Description
+from parapod.systems.physics.loops import Distance
 from parapod.systems.physics.mujoco.model import StateMaps
 from parapod.systems.physics.mujoco.translation import WEIGHT, Translation, body_name, joint_name
 
@@ -42,6 +43,7 @@ def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
     translation.add_balls(constraints.balls)
     translation.add_welds(constraints.welds)
     translation.add_couplings(constraints.couplings)
+    translation.add_rods(constraints.of(Distance))
     translation.add_contacts(tree.scene_graph)
     translation.add_visuals(tree.scene_graph)
     spec: Any = translation.spec
@@ -57,6 +59,7 @@ def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
         model = spec.compile()
     except ValueError as error:
         raise WiringError(f"MuJoCo refuses the model: {' '.join(str(error).split())}") from None
+    translation.measure_rods(constraints.of(Distance), model)
     _weigh(mujoco, spec, model)
     _stand(mujoco, spec, model, tree)
     spec.compile()
@@ -97,6 +100,8 @@ def _weigh(mujoco: ModuleType, spec: Any, model: Any) -> None:
         ends = equality.name1, equality.name2
         if equality.type == mujoco.mjtEq.mjEQ_JOINT:
             weight = sum(dofs[model.joint(name).dofadr[0]] for name in ends)
+        elif equality.type == mujoco.mjtEq.mjEQ_TENDON:
+            weight = model.tendon_invweight0[model.tendon(ends[0]).id]
         else:
             weight = sum(bodies[model.site(name).bodyid[0]] for name in ends)
         fit(equality.solref, equality.solimp, weight)

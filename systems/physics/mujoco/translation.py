@@ -41,7 +41,6 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     Joint,
-    JointActuatorIndex,
     PrismaticJoint,
     QuaternionFloatingJoint,
     RevoluteJoint,
@@ -52,7 +51,7 @@ from pydrake.systems.framework import Context
 
 from parapod.systems.core.errors import WiringError
 from parapod.systems.physics.description import inertia_of, joints_of, pose_at_zero
-from parapod.systems.physics.loops import Ball, Coupling, Weld
+from parapod.systems.physics.loops import Ball, Coupling, Distance, Weld
 
 # Stiffness of loops and couplings [N/m, N m/rad], with which a leg's loop gapes by .1 um.
 _RIGID = 1e10
@@ -103,6 +102,10 @@ class _Spring:
         impedance = inertia / (inertia + 1.0 / _ADDED_MASS)
         # The same whatever the gap; width, midpoint and power do not matter then.
         return np.array((impedance, impedance, 1.0, 0.5, 1.0))
+
+
+# Inertia of a link that moves and has less, which MuJoCo refuses [kg, kg m^2].
+_LEAST_MASS, _LEAST_MOMENT = 1e-6, 4e-13
 
 
 def body_name(body: RigidBody) -> str:
@@ -184,6 +187,8 @@ class Translation:
         X_PB = pose_at_zero(joint, self._context)
         mass, centre, inertia = inertia_of(body, self._context)
         moments, turn = principal(inertia)
+        if not isinstance(joint, WeldJoint):
+            mass, moments = max(mass, _LEAST_MASS), np.maximum(moments, _LEAST_MOMENT)
         added = parent.add_body(
             name=body_name(body),
             pos=X_PB.translation(),
@@ -232,8 +237,7 @@ class Translation:
         Limits of their effort are left out: MuJoCo cuts a force before it is taken implicitly,
         and so cuts what Drake does not.
         """
-        for i in range(self._plant.num_actuators()):
-            drive = self._plant.get_joint_actuator(JointActuatorIndex(i))
+        for drive in map(self._plant.get_joint_actuator, self._plant.GetJointActuatorIndices()):
             servo = drive.get_controller_gains() if drive.has_controller() else None
             self.spec.add_actuator(
                 name=joint_name(drive.joint()),
@@ -274,6 +278,34 @@ class Translation:
             solref=_Spring(_RIGID).reference,
             solimp=_Spring(_RIGID).impedance,
         )
+
+    def add_rods(self, rods: Sequence[Distance]) -> None:
+        """Adds rods as tendons between two sites, whose length an equality keeps.
+
+        How much longer each is than in the model's first pose is known once that is compiled; see
+        `measure_rods`.
+        """
+        for i, rod in enumerate(rods):
+            tendon = self.spec.add_tendon(name=f"rod {i}")
+            for k, (body, point) in enumerate(
+                ((rod.body, rod.point), (rod.other, rod.other_point))
+            ):
+                site = f"rod {i} {k}"
+                self.spec.body(body_name(body)).add_site(name=site, pos=np.asarray(point))
+                tendon.wrap_site(site)
+            self.spec.add_equality(
+                type=self._mujoco.mjtEq.mjEQ_TENDON,
+                objtype=self._mujoco.mjtObj.mjOBJ_TENDON,
+                name1=f"rod {i}",
+                solref=_Spring(_RIGID).reference,
+                solimp=_Spring(_RIGID).impedance,
+            )
+
+    def measure_rods(self, rods: Sequence[Distance], model: Any) -> None:
+        """Gives rods their lengths, in a model that has been compiled without them."""
+        kept = [e for e in self.spec.equalities if e.type == self._mujoco.mjtEq.mjEQ_TENDON]
+        for equality, rod in zip(kept, rods, strict=True):
+            equality.data[0] = rod.distance - model.tendon_length0[model.tendon(equality.name1).id]
 
     def add_couplings(self, couplings: Sequence[Coupling]) -> None:
         """Adds the coupled joints."""

@@ -123,7 +123,7 @@ def test_a_loop_that_cannot_close_says_which_and_by_how_much(tmp_path):
             '<mujoco><worldbody><body name="a"><joint name="j"/><geom size="1"/></body>'
             '</worldbody><tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>'
             '<equality><tendon tendon1="t"/></equality></mujoco>',
-            "an equality of the kind tendon; connect, weld and joint are read",
+            "an equality of the kind tendon; connect, weld, joint and tendons as rods are",
         ),
         (
             "curve.xml",

@@ -1,0 +1,91 @@
+"""Mechanisms in other formats: the same when they are read back, loops and motors kept."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from parapod.sims.cli.main import main
+from parapod.systems.mechanism.mechanism import Mechanism
+
+mujoco: Any = pytest.importorskip("mujoco")
+
+ROOT = Path(__file__).parents[3]
+MODELS = ROOT / "tests" / "systems" / "mechanism" / "models"
+FILES = {
+    "hexapod": ROOT / "examples" / "mechanisms" / "hexapod" / "hexapod.urdf",
+    "delta": ROOT / "examples" / "mechanisms" / "delta" / "delta.xml",
+    "three_rps": MODELS / "three_rps.urdf",
+    "four_bar": MODELS / "four_bar.sdf",
+    "rod": MODELS / "rod.sdf",
+    "welded": MODELS / "welded.xml",
+}
+FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml"}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("name", FILES)
+def test_a_mechanism_is_the_same_in_every_format(tmp_path, capsys, name, form):
+    source, out = FILES[name], tmp_path / f"{name}{FORMATS[form]}"
+    assert main(["convert", str(source), "--to", form, "--out", str(out)]) == 0
+    assert "read back, links are where they were within" in capsys.readouterr().out
+    before, after = Mechanism.load(source), Mechanism.load(out)
+    assert after.mobility.freedoms == before.mobility.freedoms
+    assert after.mobility.rank - after.mobility.equations == (
+        before.mobility.rank - before.mobility.equations
+    )
+    # Motors lead the last link to the same place; names and order of motors are the same.
+    names = [joint.name() for joint in before.motors]
+    assert [joint.name() for joint in after.motors] == names
+    way = 0.02 * np.random.default_rng(0).uniform(-1.0, 1.0, len(names))
+    goal = before.motor_positions(before.home) + way
+    poses = [m.forward(goal) for m in (before, after)]
+    for link in ("platform", "coupler", "slider"):
+        if before.plant.HasBodyNamed(link):
+            places = [
+                m.pose(link, q).translation() for m, q in zip((before, after), poses, strict=True)
+            ]
+            np.testing.assert_allclose(places[0], places[1], rtol=0.0, atol=1e-8)
+
+
+def test_a_converted_mjcf_stands_in_mujoco_with_its_loops_closed(tmp_path):
+    out = tmp_path / "hexapod.xml"
+    assert main(["convert", str(FILES["hexapod"]), "--to", "mjcf", "--out", str(out)]) == 0
+    model = mujoco.MjModel.from_xml_path(str(out))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("standing").id)
+    mujoco.mj_forward(model, data)
+    assert model.neq == 5
+    assert np.abs(data.efc_pos[: 3 * model.neq]).max() < 1e-9
+
+
+def test_conversions_side_by_side_do_not_take_each_other_s_loops(tmp_path):
+    for file in FILES["hexapod"].parent.iterdir():
+        shutil.copy(file, tmp_path)
+    before = (tmp_path / "hexapod.yaml").read_text()
+    for form, suffix in FORMATS.items():
+        source, out = tmp_path / "hexapod.urdf", tmp_path / f"hexapod{suffix}"
+        if form != "urdf":
+            assert main(["convert", str(source), "--to", form, "--out", str(out)]) == 0
+            assert Mechanism.load(out).mobility.equations == 15
+    assert (tmp_path / "hexapod.yaml").read_text() == before
+    assert Mechanism.load(tmp_path / "hexapod.urdf").mobility.equations == 15
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--to", "mjcf", "--out", "a.urdf"], "the suffix of MJCF must be one of .mjcf, .xml"),
+        (["--to", "sdf", "--out", "none/a.sdf"], "none"),
+        (["--to", "usd"], "invalid choice: 'usd'"),
+    ],
+)
+def test_mistakes_are_refused_in_a_line(capsys, tmp_path, monkeypatch, words, line):
+    monkeypatch.chdir(tmp_path)
+    assert main(["convert", str(FILES["delta"]), *words]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
