@@ -267,6 +267,16 @@ def pose_vector(pose: RigidTransform) -> Floats:
     return np.concatenate((pose.translation(), RollPitchYaw(pose.rotation()).vector()))
 
 
+def part_rates(plant: MultibodyPlant, frame: Frame, q: ArrayLike) -> Floats:
+    """Rates of x, y, z, roll, pitch, yaw of a frame by velocities (6, v), at positions (q)."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, np.asarray(q, dtype=float))
+    world = plant.world_frame()
+    spatial = plant.CalcJacobianSpatialVelocity(context, _V, frame, np.zeros(3), world, world)
+    rpy = RollPitchYaw(frame.CalcPoseInWorld(context).rotation())
+    return np.vstack((spatial[3:], _rates_by_velocity(rpy) @ spatial[:3]))
+
+
 def _rates_by_velocity(rpy: RollPitchYaw) -> Floats:
     """Matrix (3, 3) from an angular velocity along the world's axes to rates of the angles."""
     columns: list[Any] = [

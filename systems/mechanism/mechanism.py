@@ -47,6 +47,8 @@ _V = JacobianWrtVariable.kV
 _STEP = 1e-3
 # Longest way of motors and targets that is made in one step [rad, lengths], and the shortest.
 _LONGEST_WAY, _SHORTEST_WAY = 0.2, 1e-5
+# Way that no mechanism goes [rad, lengths].
+_FARTHEST = 1e3
 # Most steps of a way over rows.
 _MOST_STEPS = 40
 
@@ -337,7 +339,10 @@ class Mechanism:
         q = np.array(self.home if near is None else near, dtype=float)
         aim, part, solver = _whole_goal(goal), self.frame(frame), self._solver
         begin, way = self._way(part, q, aim)
-        count = max(1, math.ceil(float(np.abs(way / self._scale_of_pose).max()) / _LONGEST_WAY))
+        far = float(np.abs(way / self._scale_of_pose).max())
+        if far > _FARTHEST:
+            raise UnsolvedPose(f"{frame} cannot get there: it is {far:.3g} times its size away")
+        count = max(1, math.ceil(far / _LONGEST_WAY))
         for i in range(1, count + 1):
             between = np.where(np.isfinite(aim), begin + way * (i / count), np.nan)
             target = FrameTarget(part, aim if i == count else between)
@@ -411,6 +416,8 @@ class Mechanism:
             raise ScenarioError(f"there are {len(begin)} motors, not {end.size}")
         scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
         length = max(float(np.abs((end - begin) / scale).max(initial=0.0)), _SHORTEST_WAY)
+        if length > _FARTHEST:
+            raise UnsolvedPose(f"the motors cannot go there: it is {length:.3g} times too far")
         columns = self._columns(self.motors)
         share, step = 0.0, min(1.0, _LONGEST_WAY / length)
         while share < 1.0:

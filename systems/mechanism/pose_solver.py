@@ -152,6 +152,8 @@ class PoseSolver:
             change /= max(1.0, float((np.abs(change) / self._largest_step).max()))
             for share in (1.0, 0.5, 0.25, 0.125, 0.0625):
                 ahead = self.moved(q, share * change)
+                if not np.isfinite(ahead).all():
+                    continue
                 self.plant.SetPositions(context, ahead)
                 residual_ahead = self.residual(equations)
                 missed_ahead = float(np.abs(residual_ahead).max())

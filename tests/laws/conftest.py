@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -59,6 +60,7 @@ from parapod.systems.machining_centre.panel import Panel
 from parapod.systems.machining_centre.platform_mode import leg_lengths
 from parapod.systems.machining_centre.posture import Posture, lockable_joints
 from parapod.systems.machining_centre.sequence import SequenceParams
+from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
@@ -178,6 +180,25 @@ def in_gait(*names):
         return np.concatenate([np.ravel(getattr(getattr(motion, *names), part)) for part in PARTS])
 
     return sample
+
+
+@cache
+def three_rps():
+    """A mechanism of three freedoms from its file."""
+    models = Path(__file__).parents[1] / "systems" / "mechanism" / "models"
+    return Mechanism.load(models / "three_rps.urdf")
+
+
+def legs_of_rps(random, size):
+    """Lengths of its legs."""
+    mechanism = three_rps()
+    return mechanism.motor_positions(mechanism.home) + random.uniform(-0.01, 0.01, 3)
+
+
+def pose_of_rps(random, size):
+    """Height, roll and pitch of its platform, and their rates."""
+    height = three_rps().pose("platform", three_rps().home).translation()[2]
+    return np.array((height, 0.0, 0.0, 0.0, 0.0, 0.0)) + random.uniform(-0.01, 0.01, 6)
 
 
 def add_tripod(plant):
@@ -391,6 +412,26 @@ OF_A_PLANT = "posture attitude angular_velocity specific_force inertial_motion c
 OF_A_CHAIR = "body_position body_attitude force contact_force foot_height body_pose passenger_pose"
 
 ENTRIES: dict[str, Entry] = {
+    "MechanismForces": Entry(
+        lambda: {"mechanism": three_rps(), "frame": "platform"},
+        inputs={
+            "positions": lambda random, size: three_rps().forward(legs_of_rps(random, size)),
+            "velocity": around(0.0, 0.1),
+            "acceleration": around(0.0, 1.0),
+            "wrench": around(0.0, 30.0),
+        },
+        passes={"where anything is not finite": "force"},
+    ),
+    "MechanismForward": Entry(
+        lambda: {"mechanism": three_rps(), "frame": "platform"},
+        inputs={"position": legs_of_rps, "velocity": around(0.0, 0.1)},
+        passes={"where the loops cannot follow": "pose pose_rate positions"},
+    ),
+    "MechanismInverse": Entry(
+        lambda: {"mechanism": three_rps(), "frame": "platform"},
+        inputs={"pose_desired_state": pose_of_rps},
+        passes={"where the frame cannot get there": "motor_desired_state positions"},
+    ),
     "CentreControls": Entry(lambda: {"controls": Moved()}, limits={"limb_asked": (0.0, 3.0)}),
     "CentreFeedforward": Entry(
         inputs={
