@@ -7,6 +7,8 @@ in the same minute, see `benchmarks.yardstick`. Programs have arguments of their
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 from rich.console import Console
 
@@ -30,6 +32,7 @@ from benchmarks import (
     terrain,
 )
 from benchmarks.report import Measurement, make_console, print_measurements
+from parapod.sims.output.figures import FORMATS
 
 _GROUPS: dict[str, Callable[[Console], list[Measurement]]] = {
     "kinematics": lambda _: kinematics.run(),
@@ -69,7 +72,8 @@ def main(arguments: list[str]) -> int:
         return _PROGRAMS[arguments[0]](arguments[1:])
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        usage="%(prog)s [--strict] [GROUP ...]\n       %(prog)s PROGRAM [ARGUMENT ...]",
+        usage="%(prog)s [--strict] [--out FILE] [GROUP ...]\n"
+        "       %(prog)s PROGRAM [ARGUMENT ...]",
         description=__doc__,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -81,15 +85,24 @@ def main(arguments: list[str]) -> int:
         help=f"{', '.join(_GROUPS)}; all but {_LONG} without any",
     )
     parser.add_argument("--strict", action="store_true", help="exit with 1 if a bound is missed")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="picture of the closed loops of `accuracy`"
+    )
     options = parser.parse_args(arguments)
+    if options.out and options.out.suffix[1:] not in FORMATS:
+        endings = ", ".join(f".{ending}" for ending in FORMATS)
+        parser.exit(2, f"{options.out} is not a picture; its name ends in one of {endings}\n")
     if unknown := [name for name in options.groups if name not in _GROUPS]:
         admissible = ", ".join([*_GROUPS, *_PROGRAMS])
         parser.exit(2, f"there is no benchmark '{unknown[0]}'; there are: {admissible}\n")
+    if options.out and options.groups and "accuracy" not in options.groups:
+        parser.exit(2, "--out is a picture of the group accuracy, which is not asked for\n")
+    groups = _GROUPS | {"accuracy": partial(accuracy.run, out=options.out)}
     console = make_console()
     failures: list[str] = []
     for name in options.groups or [name for name in _GROUPS if name != _LONG]:
         console.print(f"[bold]{name}[/]")
-        measured = _GROUPS[name](console)
+        measured = groups[name](console)
         print_measurements(name, measured, console)
         failures += [measurement.name for measurement in measured if not measurement.passed]
     if failures:

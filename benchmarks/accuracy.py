@@ -1,9 +1,12 @@
-"""Errors over step sizes, seeds and grounds."""
+"""Errors over step sizes, seeds and grounds, and of both engines on public problems."""
+
+from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
+from benchmarks import closed_loops
 from benchmarks.report import Measurement
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.levelling_platform.machine import PLATFORM
@@ -52,7 +55,13 @@ def model_error(time_step: float, leg_model: str = "full") -> dict[str, float]:
     }
 
 
-def run(console: Console) -> list[Measurement]:
+def run(console: Console, out: Path | None = None) -> list[Measurement]:
+    """Measures all of it.
+
+    Args:
+        console: console to print on.
+        out: file of the picture of closed loops, or None.
+    """
     results = []
     closures = {}
     for step in (5e-4, 1e-3, 2e-3):
@@ -77,7 +86,7 @@ def run(console: Console) -> list[Measurement]:
     for backend, count in (("kinematic", 100), ("multibody", len(_GROUNDS))):
         console.print(f"  {count} seeds and 10 grounds, {backend} ...", highlight=False)
         results += _levelling(backend, count)
-    return results
+    return results + closed_loops.run(console, out)
 
 
 def _levelling(backend: str, count: int) -> list[Measurement]:

@@ -45,7 +45,8 @@ class Problem:
         end: duration [s].
         samples: number of samples, at equal distances.
         steps: steps of engines with steps of one length [s]; all of them meet the samples.
-        quantity: error that is measured, with its unit.
+        quantity: error that is measured, and its unit.
+        wanted: error that a run is allowed where settings are compared by their speed.
         measure: gives the quantities (k) for the exact motion's geometry and positions (m).
         results: gives the quantities (r, k) at the last r samples.
         is_conservative: true if the energy is constant.
@@ -56,7 +57,8 @@ class Problem:
     end: float
     samples: int
     steps: tuple[float, ...]
-    quantity: str
+    quantity: tuple[str, str]
+    wanted: float
     measure: Callable[[ExactMotion, Floats], ArrayLike]
     results: Callable[["Problem"], ArrayLike]
     is_conservative: bool = True
@@ -186,7 +188,8 @@ ANDREWS = Problem(
     end=0.03,
     samples=30,
     steps=(2e-6, 5e-6, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4),
-    quantity="error of an angle [rad]",
+    quantity=("error of an angle", "rad"),
+    wanted=0.02,
     measure=lambda _, q: q,
     results=lambda problem: [[ANDREWS_END[link.name] for link in problem.linkage.links]],
 )
@@ -235,7 +238,8 @@ BRICARD = Problem(
     end=10.0,
     samples=100,
     steps=(2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2),
-    quantity="error of P3 [m]",
+    quantity=("error of P3", "m"),
+    wanted=0.01,
     measure=lambda exact, q: exact.position(q, P3),
     results=lambda problem: problem.measured(problem.exact_motion),
 )
@@ -299,7 +303,8 @@ FOUR_BAR = Problem(
     end=10.0,
     samples=200,
     steps=(2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2),
-    quantity="error of B0 [m]",
+    quantity=("error of B0", "m"),
+    wanted=1e-3,
     measure=lambda exact, q: exact.position(q, B0),
     results=_four_bar_results,
 )
@@ -363,7 +368,8 @@ CRANK = Problem(
     end=0.1,
     samples=20,
     steps=(5e-6, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4),
-    quantity="error of the deflection [m]",
+    quantity=("error of the deflection", "m"),
+    wanted=3e-5,
     measure=_deflection,
     results=lambda problem: problem.measured(problem.exact_motion),
     is_conservative=False,
