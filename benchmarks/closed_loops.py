@@ -3,7 +3,7 @@
 Both engines get one declaration of each problem (`benchmarks.references`), and step without
 Python. Drake takes steps of one length, with its solver SAP, or is error controlled (CENIC).
 MuJoCo takes its integrator `discrete` with the loops' stiffness as parapod sets it, its defaults,
-or its integrator of order four with constraints as stiff as they go.
+or constraints as stiff as they go, with its integrators of order one and four.
 """
 
 import logging
@@ -208,13 +208,18 @@ def by_default(mujoco: Any, spec: Any, _: float) -> None:
         each.solref, each.solimp = equality.solref, equality.solimp
 
 
-def fourth_order(mujoco: Any, spec: Any, step: float) -> None:
-    """Gives a specification the integrator of order four, and its stiffest constraints."""
+def by_users(mujoco: Any, spec: Any, step: float) -> None:
+    """Gives a specification MuJoCo's defaults, but constraints as stiff as users can make them."""
     by_default(mujoco, spec, step)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     for each in spec.equalities:
         each.solref = (2.0 * step, 1.0)
         each.solimp[:2] = _STIFFEST
+
+
+def fourth_order(mujoco: Any, spec: Any, step: float) -> None:
+    """Gives a specification the integrator of order four as well."""
+    by_users(mujoco, spec, step)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
 
 
 @dataclass(frozen=True)
@@ -244,12 +249,17 @@ DEFAULTS = Engine(
     False,
     lambda problem, step: MujocoRunner(problem, step, by_default),
 )
+STIFF = Engine(
+    "MuJoCo, Euler, solref 2 steps, solimp .9999",
+    False,
+    lambda problem, step: MujocoRunner(problem, step, by_users),
+)
 ORDER_FOUR = Engine(
     "MuJoCo, RK4, solref 2 steps, solimp .9999",
     False,
     lambda problem, step: MujocoRunner(problem, step, fourth_order),
 )
-ENGINES = (SAP, CENIC, DISCRETE, DEFAULTS, ORDER_FOUR)
+ENGINES = (SAP, CENIC, DISCRETE, DEFAULTS, STIFF, ORDER_FOUR)
 # Bounds of errors, by problem, engine, and step or accuracy [rad, m].
 _BOUNDS = (
     (ANDREWS, SAP, 1e-5, 5e-4),
@@ -385,7 +395,7 @@ def picture(measured: Sequence[Case]) -> Figure:
     def draw(canvas: Any) -> None:
         grid = canvas.subplots(2, len(PROBLEMS))
         for column, problem in zip(grid.T, PROBLEMS, strict=True):
-            for engine, colour, marker in zip(ENGINES, COLOURS, "osD^v", strict=False):
+            for engine, colour, marker in zip(ENGINES, COLOURS, "osD^Pv", strict=False):
                 own = [c for c in measured if c.problem is problem and c.engine is engine]
                 error = [case.error for case in own]
                 for axis, along in zip(column, ("rate", "factor"), strict=True):
@@ -419,9 +429,9 @@ def bounds(measured: Sequence[Case]) -> list[Measurement]:
     ]
     for problem, engine, setting, bound in _BOUNDS:
         case = by_setting.get((problem.name, engine.name, setting))
-        error = math.inf if case is None else case.error
-        label = f"{problem.name}, {engine.name}, {setting:g}"
-        results.append(Measurement(label, error, "rad or m", bound, at_most=True))
+        error, label = (math.inf, f"{setting:g}") if case is None else (case.error, case.label)
+        name, unit = f"{problem.name}, {engine.name}, {label}", problem.quantity[1]
+        results.append(Measurement(name, error, unit, bound, at_most=True))
     leaving = max(c.coupler for c in measured if math.isfinite(c.coupler))
     results.append(
         Measurement("four-bar's coupler, all engines", leaving, "rad", 0.1, at_most=True)

@@ -277,6 +277,10 @@ class ExactMotion:
         accelerations: Floats = np.linalg.solve(root.T, bent)
         return accelerations
 
+    def open_tree(self, q: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Mass matrix of the open tree, and the forces along its joints [N m, N]."""
+        return _Tree(self, q, v).mass_and_force()
+
     def energy(self, q: Floats, v: Floats) -> float:
         """Kinetic and potential energy, that which the motors have spent taken off [J]."""
         tree = _Tree(self, q, v)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import MultibodyForces
 
 ROOT = Path(__file__).parents[1]
 
@@ -16,9 +17,9 @@ def benchmarks():
     """The modules of the problems and of the engines."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(ROOT))
-        from benchmarks import __main__, closed_loops, references
+        from benchmarks import __main__, closed_loops, linkage, references
 
-        yield references, closed_loops, __main__
+        yield references, closed_loops, linkage, __main__
         for name in [name for name in sys.modules if name.partition(".")[0] == "benchmarks"]:
             del sys.modules[name]
 
@@ -65,22 +66,50 @@ def test_exact_motion_with_a_redundant_constraint_converges_and_conserves_energy
     assert max(map(problem.exact.gap, motion.q)) < 1e-14
 
 
+def test_a_block_that_slides_on_a_link_that_turns_conserves_energy(benchmarks):
+    """A quick-return: Coriolis' force acts on what slides along what turns."""
+    linkage = benchmarks[2]
+    normal, along = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    body = (1.0, (0.1, 0.05, 0.0), (0.01, 0.01, 0.02))
+    arm = linkage.Link("arm", "", (0.0, 0.0, 0.0), normal, *body, position=0.3)
+    block = linkage.Link("block", "arm", (0.0, 0.0, 0.0), along, *body, slides=True, position=0.3)
+    crank = linkage.Link("crank", "", (0.3, 0.0, 0.0), normal, *body, position=1.5, rate=20.0)
+    pin = (linkage.Point("block", (0.0, 0.0, 0.0)), linkage.Point("crank", (0.1, 0.0, 0.0)))
+    gravity = (0.0, -9.81, 0.0)
+    exact = linkage.ExactMotion(
+        linkage.Linkage("quick-return", (arm, block, crank), (pin,), gravity=gravity)
+    )
+    motion = exact.integrate(np.linspace(0.0, 0.5, 6)[1:])
+    energies = [exact.energy(q, v) for q, v in zip(motion.q, motion.v, strict=True)]
+    # It turns, and the block slides to and fro.
+    assert motion.q[-1, 2] > 6.0
+    np.testing.assert_allclose(energies, exact.energy(*exact.start), rtol=1e-10)
+
+
 @pytest.mark.parametrize("number", range(4))
-def test_energies_are_those_of_drakes_plant_wherever_it_is(references, number):
+def test_masses_forces_and_energies_of_the_open_tree_are_those_of_drakes_plant(references, number):
     problem = references.PROBLEMS[number]
+    exact, links = problem.exact, problem.linkage.links
+    # Drake knows neither what motors do nor springs that are drives.
+    torques = np.array([link.torque for link in links])
+    stiffness = np.array([link.stiffness for link in links])
     plant, random = MultibodyPlant(0.0), np.random.default_rng(number)
     problem.linkage.place(plant)
-    context = plant.CreateDefaultContext()
+    context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
     energies = []
     for _ in range(3):
         q, v = random.uniform(-1.0, 1.0, (2, plant.num_positions()))
         plant.SetPositions(context, q)
         plant.SetVelocities(context, v)
+        mass, force = exact.open_tree(q, v)
+        np.testing.assert_allclose(mass, plant.CalcMassMatrix(context), rtol=1e-9, atol=1e-12)
+        plant.CalcForceElementsContribution(context, forces)
+        drake = -plant.CalcInverseDynamics(context, np.zeros_like(v), forces)
+        drake += torques - stiffness * q
+        np.testing.assert_allclose(force, drake, rtol=1e-9, atol=1e-12)
         drake = plant.EvalPotentialEnergy(context) + plant.EvalKineticEnergy(context)
-        # Drake knows neither what motors spend nor springs that are drives.
-        others = (link.stiffness * q[i] ** 2 / 2.0 - link.torque * q[i]
-                  for i, link in enumerate(problem.linkage.links))  # fmt: skip
-        energies.append((problem.exact.energy(q, v), drake + sum(others)))
+        drake += 0.5 * stiffness @ q**2 - torques @ q
+        energies.append((exact.energy(q, v), drake))
     own, theirs = np.array(energies).T
     np.testing.assert_allclose(own - own[0], theirs - theirs[0], rtol=1e-9, atol=1e-12)
 
@@ -236,6 +265,6 @@ def test_all_engines_are_drawn_and_tabulated_those_that_break_down_too(
 )
 def test_a_picture_that_cannot_be_is_refused(benchmarks, arguments, words, capsys):
     with pytest.raises(SystemExit) as refusal:
-        benchmarks[2].main(arguments)
+        benchmarks[3].main(arguments)
     assert refusal.value.code == 2
     assert words in capsys.readouterr().err
