@@ -16,6 +16,7 @@
     parapod.draw(loop)  # the diagram as a picture
     parapod.Scene.from_meshcat(meshcat)  # drawn by `closed_loop(scenario, meshcat=meshcat)`
     parapod.linearised(system, context, ["u"], ["y"])  # A, B, C, D, where it has them
+    parapod.Mechanism.load("robot.urdf")  # any closed-loop mechanism, posed numerically
     parapod.Alone(system, {"voltage": 3.0})  # one component in a diagram that can be simulated
 
 `parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an
@@ -83,6 +84,13 @@ if TYPE_CHECKING:
     from parapod.systems.core.leaf_system import LeafSystem
     from parapod.systems.core.ports import read, read_array, read_or_zeros
     from parapod.systems.core.schema import Schema, choice, quantity
+    from parapod.systems.mechanism.leaf_systems import (
+        MechanismForces,
+        MechanismForward,
+        MechanismInverse,
+    )
+    from parapod.systems.mechanism.mechanism import Mechanism, UnsolvedPose
+    from parapod.systems.mechanism.statics import motor_forces
     from parapod.systems.sensors.attitude_estimator import (
         AttitudeEstimator,
         AttitudeEstimatorParams,
@@ -110,6 +118,7 @@ _HOMES = {
         "add",
         "connect",
         "inputs_of",
+        "motor_forces",
         "named_source",
         "outputs_of",
         "wired",
@@ -145,6 +154,13 @@ _HOMES = {
     "systems.core.leaf_system": ("LeafSystem",),
     "systems.core.ports": ("read", "read_array", "read_or_zeros"),
     "systems.core.schema": ("Schema", "choice", "quantity"),
+    "systems.mechanism.leaf_systems": (
+        "MechanismForces",
+        "MechanismForward",
+        "MechanismInverse",
+    ),
+    "systems.mechanism.mechanism": ("Mechanism", "UnsolvedPose"),
+    "systems.mechanism.statics": ("motor_forces",),
     "systems.sensors.attitude_estimator": (
         "AttitudeEstimator",
         "AttitudeEstimatorParams",
@@ -179,6 +195,10 @@ __all__ = [
     "Machine",
     "MachineScenario",
     "MachineView",
+    "Mechanism",
+    "MechanismForces",
+    "MechanismForward",
+    "MechanismInverse",
     "Metric",
     "Out",
     "ParapodError",
@@ -198,6 +218,7 @@ __all__ = [
     "StudyResult",
     "Truth",
     "UnreachablePosture",
+    "UnsolvedPose",
     "VelocityServo",
     "VelocityServoParams",
     "add",
@@ -209,6 +230,7 @@ __all__ = [
     "find_machine",
     "inputs_of",
     "linearised",
+    "motor_forces",
     "named_source",
     "outputs_of",
     "own_emulator",

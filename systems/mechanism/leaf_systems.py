@@ -35,10 +35,10 @@ class _Posed(LeafSystem):
         super().__init__()
         self.set_name(name)
         self.mechanism = mechanism
-        self._asked = self.DeclareVectorInputPort(port, size)
+        self._goal = self.DeclareVectorInputPort(port, size)
         self._state = self.DeclareDiscreteState(mechanism.home)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-        tickets = {self._asked.ticket(), self.discrete_state_ticket(self._state)}
+        tickets = {self._goal.ticket(), self.discrete_state_ticket(self._state)}
         self._pose = declare_cached(self, "pose", self._solve_at, tickets)
 
     def begin(self, context: Context, q: ArrayLike) -> None:
@@ -48,15 +48,15 @@ class _Posed(LeafSystem):
     def _solve_at(self, context: Context) -> Floats:
         """Positions (q); NaN where there are none."""
         near = context.get_discrete_state_vector().value()
-        asked = read_array(self._asked, context)
-        if not _is_sane(asked):
+        goal = read_array(self._goal, context)
+        if not _is_sane(goal):
             return np.full(len(near), np.nan)
         try:
-            return self._solved(asked, near)
+            return self._solved(goal, near)
         except UnsolvedPose:
             return np.full(len(near), np.nan)
 
-    def _solved(self, asked: Floats, near: Floats) -> Floats:
+    def _solved(self, goal: Floats, near: Floats) -> Floats:
         """Positions (q) next to others."""
         raise NotImplementedError
 
@@ -106,23 +106,23 @@ class MechanismInverse(_Posed):
         self.frame, self.parts = frame, parts or mechanism.free_parts(frame)
         count, motors = len(self.parts), len(mechanism.motors)
         super().__init__(mechanism, "mechanism_inverse", "pose_desired_state", 2 * count, period)
-        tickets = {self._asked.ticket(), self.discrete_state_ticket(self._state)}
+        tickets = {self._goal.ticket(), self.discrete_state_ticket(self._state)}
         self.DeclareVectorOutputPort("motor_desired_state", 2 * motors, self._calc_motors, tickets)
         self.DeclareVectorOutputPort(
             "positions", mechanism.plant.num_positions(), self._copy_positions, tickets
         )
 
-    def _solved(self, asked: Floats, near: Floats) -> Floats:
-        goal = np.full(6, np.nan)
-        goal[list(self.parts)] = asked[: len(self.parts)]
-        return self.mechanism.inverse(self.frame, goal, near)
+    def _solved(self, goal: Floats, near: Floats) -> Floats:
+        pose = np.full(6, np.nan)
+        pose[list(self.parts)] = goal[: len(self.parts)]
+        return self.mechanism.inverse(self.frame, pose, near)
 
     def _calc_motors(self, context: Context, output: BasicVector) -> None:
         mechanism, q = self.mechanism, self._pose.value(self, context)
         if not np.isfinite(q).all():
             output.SetFromVector(np.full(2 * len(mechanism.motors), np.nan))
             return
-        rates = read_array(self._asked, context)[len(self.parts) :]
+        rates = read_array(self._goal, context)[len(self.parts) :]
         moves = part_rates(mechanism.plant, mechanism.frame(self.frame), q)
         by_motors = (moves @ mechanism.velocity_map(q))[list(self.parts)]
         speeds = np.linalg.lstsq(by_motors, rates)[0]
@@ -161,7 +161,7 @@ class MechanismForward(_Posed):
         count = len(mechanism.motors)
         super().__init__(mechanism, "mechanism_forward", "position", count, period)
         self._velocity = self.DeclareVectorInputPort("velocity", count)
-        tickets = {self._asked.ticket(), self.discrete_state_ticket(self._state)}
+        tickets = {self._goal.ticket(), self.discrete_state_ticket(self._state)}
         self._part = mechanism.frame(frame)
         self.DeclareVectorOutputPort("pose", 6, self._calc_pose, tickets)
         self.DeclareVectorOutputPort(
@@ -171,8 +171,8 @@ class MechanismForward(_Posed):
             "positions", mechanism.plant.num_positions(), self._copy_positions, tickets
         )
 
-    def _solved(self, asked: Floats, near: Floats) -> Floats:
-        return self.mechanism.forward(asked, near)
+    def _solved(self, goal: Floats, near: Floats) -> Floats:
+        return self.mechanism.forward(goal, near)
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         q = self._pose.value(self, context)

@@ -272,6 +272,10 @@ class Mechanism:
         beyond = self._solver.beyond_limits(np.asarray(q, dtype=float))
         return {self._names[index]: far for index, far in beyond.items()}
 
+    def is_within_limits(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """Whether no joint is beyond its limits, in positions (..., q)."""
+        return self._solver.is_within_limits(np.asarray(q, dtype=float))
+
     def moved(self, q: ArrayLike, change: ArrayLike) -> Floats:
         """Positions (q) after velocities (v) have acted for a unit of time; loops may open."""
         return self._solver.moved(np.asarray(q, dtype=float), np.asarray(change, dtype=float))

@@ -245,6 +245,11 @@ class PoseSolver:
                 far[int(joint.index())] = most
         return far
 
+    def is_within_limits(self, q: Floats) -> NDArray[np.bool_]:
+        """Whether no joint is beyond its limits, in positions (..., q)."""
+        excess = np.maximum(self._lower - q, q - self._upper)
+        return np.asarray((excess <= ROUNDING).all(axis=-1))
+
     def gaps(self, equations: Sequence[Equation]) -> tuple[Gap, ...]:
         """Gaps of equations in the scratch memory's pose."""
         return tuple(
