@@ -25,6 +25,7 @@ from benchmarks import (
     jobs,
     kinematics,
     loop,
+    mechanisms,
     mutants,
     realtime,
     rows,
@@ -36,6 +37,7 @@ from parapod.sims.output.figures import FORMATS
 
 _GROUPS: dict[str, Callable[[Console], list[Measurement]]] = {
     "kinematics": lambda _: kinematics.run(),
+    "mechanisms": lambda _: mechanisms.run(),
     "realtime": realtime.run,
     "rows": rows.run,
     "arm": arm.run,

@@ -84,7 +84,7 @@ def _loops_beside(mechanism: Mechanism, tree: Description) -> str:
     """Text of the YAML with the motors, and with the loops that the format does not have."""
     welds = [closure for closure in tree.closures if closure.kind == "weld"]
     motors = [tree.joint_name(joint) for joint in mechanism.motors]
-    loops = LoopsFile([list(weld.names) for weld in welds], ["6d"] * len(welds), motors)
+    loops = LoopsFile([list(weld.names) for weld in welds], ["6d"] * len(welds), [], motors)
     return dump_scenario(loops)
 
 

@@ -7,6 +7,7 @@ marks of motors tell how near a singular position is.
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -30,6 +31,7 @@ from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.mechanism.parts import Model
 from parapod.systems.mechanism.pulling import pulled
 from parapod.systems.mechanism.statics import motor_forces
+from parapod.systems.physics.loops import Coupling
 
 type Floats = NDArray[np.float64]
 
@@ -70,7 +72,7 @@ class Poser:
 
         Args:
             add_model: adds the model to a plant that is not finalized.
-            frame: name of the frame that is moved; "": the link that is farthest from the motors.
+            frame: name of the frame that is moved; "": the link on which most loops end.
             meshcat: scene in which it is drawn; None: nowhere.
 
         Raises:
@@ -121,15 +123,19 @@ class Poser:
         meshcat.SetCameraPose(middle + away, middle)
 
     def _last_link(self) -> str:
-        """The link that most joints stand before, and of these the heaviest."""
+        """The link that motors move on which most loops end, and of these the heaviest."""
         mechanism = self.mechanism
-        rates = mechanism.velocity_map(mechanism.home)
-        plant = mechanism.plant
-        best, name = (-1, 0.0), ""
+        ends = Counter(
+            int(end.index())
+            for loop in mechanism.loops
+            if not isinstance(loop, Coupling)
+            for end in (loop.body, loop.other)
+        )
+        plant, best, name = mechanism.plant, (-1, -1, 0.0), ""
         for body in (plant.get_body(i) for i in plant.GetBodyIndices(_instance(mechanism))):
-            moves = mechanism.frame_jacobian(body.name(), mechanism.home)
-            rank = int(np.linalg.matrix_rank(moves, 1e-6)) if rates.size else 0
-            score = rank, body.default_mass()
+            freedoms = len(mechanism.free_parts(body.name()))
+            ended = sum(ends[int(other.index())] for other in plant.GetBodiesWeldedTo(body))
+            score = ended if freedoms else -1, freedoms, body.default_mass()
             if score > best:
                 best, name = score, body.name()
         return name

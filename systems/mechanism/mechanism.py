@@ -114,6 +114,7 @@ class Mechanism:
         self._motor_places = [joint.position_start() for joint in self.motors]
         self._joints, self._frames = joints_by_name(plant), frames_by_name(plant)
         self._names = {int(joint.index()): name for name, joint in self._joints.items()}
+        self._parts: dict[str, tuple[int, ...]] = {}
         self._of_rows: dict[tuple[str, bytes], RowSolver] = {}
 
     @classmethod
@@ -228,8 +229,9 @@ class Mechanism:
             frame: name of the frame whose motion counts; "": none.
         """
         moves = self.frame_jacobian(frame, q) if frame else None
+        rank = len(self.free_parts(frame)) if frame else 0
         positions = np.asarray(q, dtype=float)
-        return dexterity(self._solver, self.mobility, positions, self.motor_columns, moves)
+        return dexterity(self._solver, self.mobility, positions, self.motor_columns, moves, rank)
 
     @cached_property
     def home(self) -> Floats:
@@ -292,10 +294,12 @@ class Mechanism:
             As many places in x, y, z, roll, pitch, yaw as the frame has freedoms; where there is
             a choice, those that move the most.
         """
-        moves = self.frame_jacobian(frame, self.home)
-        scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
-        moves = np.vstack((moves[3:] / self.size, moves[:3])) * scale
-        return independent_rows(moves)
+        if frame not in self._parts:
+            moves = self.frame_jacobian(frame, self.home)
+            scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
+            moves = np.vstack((moves[3:] / self.size, moves[:3])) * scale
+            self._parts[frame] = independent_rows(moves)
+        return self._parts[frame]
 
     def solve(
         self,
@@ -325,6 +329,15 @@ class Mechanism:
             return other
         if pose.is_closed:
             return pose
+        scattered = solver.scattered(equations, start, columns)
+        for each in scattered:
+            if not each.beyond:
+                return each
+            bounded = solver.judge(equations, solver.by_program(targets, each.q, columns))
+            if bounded.is_closed and not bounded.beyond:
+                return bounded
+        if scattered:
+            return scattered[0]
         return solver.judge(equations, solver.least(equations, pose.q, columns))
 
     def inverse(self, frame: str, goal: ArrayLike, near: ArrayLike | None = None) -> Floats:

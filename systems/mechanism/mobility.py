@@ -56,8 +56,9 @@ class Dexterity:
         loops: smallest by largest singular value of the loops' Jacobian; 0 where freedoms split.
         held: the same of its part for joints without motors; 0 where the mechanism can move while
             its motors stand still (type 2, parallel).
-        moved: smallest by largest singular value of a frame's Jacobian; 0 where the frame loses a
-            freedom whatever the motors do (type 1, serial). NaN without a frame.
+        moved: smallest by largest singular value of a frame's Jacobian, of as many as it has
+            freedoms at home; 0 where the frame loses one whatever the motors do (type 1, serial).
+            NaN without a frame.
     """
 
     loops: float
@@ -103,6 +104,7 @@ def dexterity(
     q: Floats,
     motor_columns: Sequence[int],
     moves: Floats | None = None,
+    rank: int = 0,
 ) -> Dexterity:
     """Distance of a pose from singular ones.
 
@@ -113,6 +115,7 @@ def dexterity(
         motor_columns: velocities of its motors.
         moves: (6, motors) angular and linear velocity of a frame by those of the motors; None:
             no frame's motion counts.
+        rank: freedoms that the frame has at home.
     """
     matrix = scaled_jacobian(solver, q)
     free = np.delete(matrix, list(motor_columns), axis=1)
@@ -121,7 +124,7 @@ def dexterity(
     if moves is not None:
         scale = np.repeat((1.0, 1.0 / solver.size), 3)[:, None]
         motors = np.where(solver.is_length[list(motor_columns)], solver.size, 1.0)
-        moved = _ratio(scale * moves * motors, min(of.governed, 6))
+        moved = _ratio(scale * moves * motors, rank)
     return Dexterity(_ratio(matrix, of.rank), held, moved)
 
 

@@ -63,6 +63,8 @@ class LoopsFile(Schema):
     Attributes:
         closed_loop: pairs of frames or links that are held together.
         type: kind of each pair: 3d holds their origins together, 6d both as a whole.
+        points: for each pair the points, in both frames, that are held together [m], such as
+            [[0.3, 0, 0], [0, 0.1, 0]]; empty: their origins.
         name_mot: joints with motors; * and ? stand for any characters.
         joint_name: joints that are of another kind than in the model.
         joint_type: kind of each of these: SPHERICAL, FIXED, or UJOINT_ and two axes, as UJOINT_XY.
@@ -70,6 +72,7 @@ class LoopsFile(Schema):
 
     closed_loop: list[list[str]] = field(default_factory=list)
     type: list[str] = field(default_factory=list)
+    points: list[list[list[float]]] = field(default_factory=list)
     name_mot: list[str] = field(default_factory=list)
     joint_name: list[str] = field(default_factory=list)
     joint_type: list[str] = field(default_factory=list)
@@ -390,11 +393,16 @@ def _turned_frames(
 def _close(model: Model, settings: LoopsFile, source: str) -> None:
     """Adds the loops of the file beside the model, and those that the model has as joints."""
     plant, every_frame = model.plant, frames_by_name(model.plant)
-    for (one, other), kind in zip(_pairs(settings, source), settings.type, strict=True):
+    points = _points(settings, source)
+    pairs = zip(_pairs(settings, source), settings.type, points, strict=True)
+    for (one, other), kind, places in pairs:
         frames = [named(name, every_frame, "frame", source) for name in (one, other)]
         if kind.lower() not in _KINDS:
             raise ScenarioError(f"{source}: type {quoted(kind)} is not one of 3d, 6d")
-        poses = [frame.GetFixedPoseInBodyFrame() for frame in frames]
+        poses = [
+            frame.GetFixedPoseInBodyFrame().multiply(RigidTransform(np.array(place)))
+            for frame, place in zip(frames, places, strict=True)
+        ]
         bodies = [frame.body() for frame in frames]
         name = f"{one} - {other}"
         if _KINDS[kind.lower()] == "ball":
@@ -412,6 +420,21 @@ def _pairs(settings: LoopsFile, source: str) -> list[list[str]]:
         if len(pair) != 2:
             raise ScenarioError(f"{source}: closed_loop has {len(pair)} frames in place of two")
     return settings.closed_loop
+
+
+def _points(settings: LoopsFile, source: str) -> list[list[list[float]]]:
+    """Points of each pair, in their frames [m]."""
+    count = len(settings.closed_loop)
+    if not settings.points:
+        return [[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]] * count
+    if len(settings.points) != count:
+        raise ScenarioError(
+            f"{source}: closed_loop has {count} entries and points {len(settings.points)}"
+        )
+    for pair in settings.points:
+        if [len(point) for point in pair] != [3, 3]:
+            raise ScenarioError(f"{source}: {pair} of points is not two points of three numbers")
+    return settings.points
 
 
 def _name_motors(model: Model, patterns: Sequence[str], source: str) -> None:

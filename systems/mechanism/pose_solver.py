@@ -31,6 +31,8 @@ _STEPS, _LARGEST_STEP = 80, 0.4
 NOTHING = 1e-8
 # Violation of a joint's limit that is rounding [rad, m].
 ROUNDING = 1e-9
+# Random poses from which loops are tried to be closed, and how far the last ones are [rad, sizes].
+_TRIES, _SPREAD = 40, 2.0
 _ROTATING = ("ball_rpy", "quaternion_floating", "rpy_floating")
 
 
@@ -165,6 +167,30 @@ class PoseSolver:
             missed = missed_ahead
         self.plant.SetPositions(context, q)
         return q
+
+    def scattered(
+        self, equations: Sequence[Equation], start: Floats, columns: NDArray[np.intp]
+    ) -> list[Pose]:
+        """Poses that fulfil equations, solved from random ones about a start.
+
+        First those within limits, then the others, each the nearest to the start first. A file
+        whose joints are all at zero often has its links stretched out, and Newton's method cannot
+        leave that.
+        """
+        random, poses = np.random.default_rng(0), []
+        scale = np.where(self.is_length, self.size, 1.0)
+        for i in range(_TRIES):
+            change = np.zeros(len(scale))
+            spread = _SPREAD * (i + 1) / _TRIES
+            change[columns] = (spread * scale * random.uniform(-1.0, 1.0, len(scale)))[columns]
+            begin = self.moved(start, change)
+            if self._has_plain_rates:
+                begin = np.clip(begin, self._lower, self._upper)
+            pose = self.judge(equations, self.newton(equations, begin, columns))
+            if pose.is_closed:
+                way = float(np.linalg.norm(self.way(start, pose.q) / scale))
+                poses.append((bool(pose.beyond), way, i, pose))
+        return [pose for *_, pose in sorted(poses, key=lambda each: each[:3])]
 
     def least(
         self, equations: Sequence[Equation], start: Floats, columns: NDArray[np.intp]

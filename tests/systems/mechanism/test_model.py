@@ -52,6 +52,16 @@ def test_a_loop_beside_a_urdf_closes_it(tmp_path):
     assert mechanism.mobility.redundant == {"end - goal": 1}
 
 
+def test_a_loop_may_hold_points_of_links_together(tmp_path):
+    loops = "closed_loop: [[lower, goal]]\ntype: [3d]\npoints: [[[1, 0, 0], [0, 0, 0]]]\n"
+    by_points = Mechanism.load(write(tmp_path, loops + "name_mot: [rail]\n"))
+    (tmp_path / "other").mkdir()
+    loops = "closed_loop: [[end, goal]]\ntype: [3d]\nname_mot: [rail]\n"
+    by_frames = Mechanism.load(write(tmp_path / "other", loops))
+    q = np.array([-0.3, 0.6, 0.1])
+    np.testing.assert_allclose(by_points.residual(q), by_frames.residual(q), atol=1e-15)
+
+
 def test_a_joint_that_mimics_another_is_a_loop(tmp_path):
     more = """<link name="gear"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"
       ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -86,6 +96,11 @@ def test_rods_of_a_urdf_are_loops(tmp_path):
         ("closed_loop: [[end, goal]]\ntype: [4d]\n", "type '4d' is not one of 3d, 6d"),
         ("closed_loop: [[end, goal]]\ntype: []\n", "closed_loop has 1 entries and type 0"),
         ("closed_loop: [[end]]\ntype: [3d]\n", "closed_loop has 1 frames in place of two"),
+        (
+            "closed_loop: [[end, goal]]\ntype: [3d]\npoints: [[[0, 0], [0, 0, 0]]]\n",
+            "of points is not two points of three numbers",
+        ),
+        ("closed_loop: [[end, goal]]\ntype: [3d]\npoints: [[], []]\n", "1 entries and points 2"),
         ("name_mot: [railway]\n", r"no joint 'railway' \(did you mean rail\?\)"),
         ("joint_name: [elbow]\njoint_type: [UJOINT_XX]\n", "'UJOINT_XX' of 'elbow' is not one of"),
         (
