@@ -29,6 +29,7 @@ from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.levelling_platform import kinematics as of_platform
 from parapod.systems.levelling_platform.workspace import Workspace
 from parapod.systems.machining_centre import platform_mode as of_centre
+from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.physics.loops import find_constraints
 from parapod.systems.terrain_simulator import kinematics as of_bench
 from parapod.systems.terrain_simulator.load_estimator import (
@@ -158,6 +159,25 @@ def gaps_of(bodies: Bodies) -> list[float]:
     return gaps
 
 
+def posed_again(bodies: Bodies) -> float:
+    """Distance of joints from where they were after all without motors were put elsewhere.
+
+    Numerically, by the loops of the bodies alone: the closed form and the mechanism of the model
+    prove each other.
+    """
+    mechanism, q = Mechanism(bodies.plant), bodies.plant.GetPositions(bodies.context)
+    random, moved = np.random.default_rng(0), q.copy()
+    idle = {int(index) for index in mechanism.mobility.idle}
+    for joint in mechanism.passive:
+        if int(joint.index()) not in idle and joint.num_positions() == 1:
+            length = mechanism.size if mechanism.is_length[joint.velocity_start()] else 1.0
+            moved[joint.position_start()] += 0.01 * length * random.uniform(-1.0, 1.0)
+    motors = {mechanism.name(j): float(q[j.position_start()]) for j in mechanism.motors}
+    pose = mechanism.solve(fixed=motors, near=moved)
+    assert pose.is_closed
+    return float(np.abs(pose.q - q).max())
+
+
 # Masses of a whole machine in closed form [kg].
 MASSES: Mapping[str, Callable[[Any], float]] = {
     "levelling_platform": lambda masses: masses.total,
@@ -180,6 +200,7 @@ def test_loops_of_bodies_are_closed_where_the_closed_form_has_them_and_weigh_as_
     bodies = bodies_of_loop(ClosedLoop(machine, scenario, log=()))
     gaps = gaps_of(bodies)
     assert max(gaps) < 1e-9
+    assert posed_again(bodies) < 1e-9
     design, plant = scenario.machine, bodies.plant
     links = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
     own = [link for link in links if link.name() in design.bodies]
