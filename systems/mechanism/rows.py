@@ -28,15 +28,15 @@ from parapod.systems.mechanism.tree import (
     RowsOfTree,
     Tree,
     Triple,
+    add,
     constant_pose,
     cross,
     dot,
     minus,
-    minus_one,
     mul,
-    plus,
     product,
     scaled,
+    subtract,
     transposed,
     turned,
 )
@@ -244,7 +244,7 @@ def _turning(axis: Any) -> Triple:
 def _turn_vector(turn: Any) -> Triple:
     """Rotation vector of a small rotation; of a large one, a vector of its direction."""
     (_, a, b), (c, _, d), (e, f, _) = turn
-    return scaled(0.5, (minus_one(f, d), minus_one(b, e), minus_one(c, a)))
+    return scaled(0.5, (subtract(f, d), subtract(b, e), subtract(c, a)))
 
 
 def _of_angles(roll: Floats, pitch: Floats, yaw: Floats) -> Any:
@@ -269,14 +269,9 @@ def _angle_rates(turn: Any, velocity: Triple) -> Triple:
     cos = np.hypot(a, d)
     c, s = a / cos, d / cos
     x, y, z = velocity
-    along = add_up(mul(c, x), mul(s, y))
+    along = add(mul(c, x), mul(s, y))
     roll = along / cos
-    return roll, minus_one(mul(c, y), mul(s, x)), add_up(z, mul(-1.0 * g, roll))
-
-
-def add_up(a: Number, b: Number) -> Number:
-    """Sum of two numbers."""
-    return plus((a, 0.0, 0.0), (b, 0.0, 0.0))[0]
+    return roll, subtract(mul(c, y), mul(s, x)), add(z, mul(-1.0 * g, roll))
 
 
 def _wrapped(angle: Any) -> Any:
@@ -485,10 +480,10 @@ def _solved(matrix: list[list[Number]], right: Sequence[Floats]) -> Sequence[Num
     if count == 2:
         (a, b), (c, d) = matrix
         x, y = right
-        whole = minus_one(mul(a, d), mul(b, c))
+        whole = subtract(mul(a, d), mul(b, c))
         return (
-            minus_one(mul(d, x), mul(b, y)) / whole,
-            minus_one(mul(a, y), mul(c, x)) / whole,
+            subtract(mul(d, x), mul(b, y)) / whole,
+            subtract(mul(a, y), mul(c, x)) / whole,
         )
     if count == 3:
         one, two, three = (tuple(row[k] for row in matrix) for k in range(3))

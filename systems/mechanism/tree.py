@@ -154,11 +154,11 @@ class Tree:
         for k, (axis, turns, place) in enumerate(steps):
             frame = _frame_along(np.asarray(axis, dtype=float))
             before = (X_PF if k == 0 else RigidTransform()).multiply(rest).multiply(frame)
-            links.append(Link(_constant(before), turns, first + place, rate + place))
+            links.append(Link(constant_pose(before), turns, first + place, rate + place))
             rest = frame.inverse()
         self.chain[child] = tuple(links)
         end = rest.multiply(X_MB) if steps else X_PF.multiply(X_MB)
-        self.after[child] = _constant(end)
+        self.after[child] = constant_pose(end)
 
     def advance(self, q: Floats, change: Floats) -> None:
         """Moves positions (q, rows), in place, by velocities (v, rows) that act for a second."""
@@ -250,7 +250,7 @@ class RowsOfTree:
                     tuple(
                         (
                             add(mul(cos, one), mul(sin, two)),
-                            minus_one(mul(cos, two), mul(sin, one)),
+                            subtract(mul(cos, two), mul(sin, one)),
                             three,
                         )
                         for one, two, three in ((a, b, z), (c, d, y), (e, f, x))
@@ -287,7 +287,7 @@ def add(a: Number, b: Number) -> Number:
     return a + b
 
 
-def minus_one(a: Number, b: Number) -> Number:
+def subtract(a: Number, b: Number) -> Number:
     """Difference of two numbers."""
     if b.__class__ is float and b == 0.0:
         return a
@@ -307,9 +307,9 @@ def plus(one: Triple, other: Triple) -> Triple:
 def minus(one: Triple, other: Triple) -> Triple:
     """Difference of two vectors."""
     return (
-        minus_one(one[0], other[0]),
-        minus_one(one[1], other[1]),
-        minus_one(one[2], other[2]),
+        subtract(one[0], other[0]),
+        subtract(one[1], other[1]),
+        subtract(one[2], other[2]),
     )
 
 
@@ -322,9 +322,9 @@ def cross(one: Triple, other: Triple) -> Triple:
     """Vector product."""
     (a, b, c), (x, y, z) = one, other
     return (
-        minus_one(mul(b, z), mul(c, y)),
-        minus_one(mul(c, x), mul(a, z)),
-        minus_one(mul(a, y), mul(b, x)),
+        subtract(mul(b, z), mul(c, y)),
+        subtract(mul(c, x), mul(a, z)),
+        subtract(mul(a, y), mul(b, x)),
     )
 
 
@@ -356,7 +356,9 @@ def _of_quaternion(w: Floats, x: Floats, y: Floats, z: Floats) -> Matrix:
     )
 
 
-def _constant(pose: RigidTransform) -> RowPose:
+def constant_pose(pose: RigidTransform) -> RowPose:
+    """A pose that is the same in all rows; numbers next to zero and one are these."""
+
     def plain(number: float) -> float:
         nearest = float(round(number))
         return nearest if math.isclose(number, nearest, abs_tol=_ROUNDING) else float(number)
@@ -365,11 +367,6 @@ def _constant(pose: RigidTransform) -> RowPose:
     turn: Any = tuple(tuple(map(plain, row)) for row in rows)
     place: Any = tuple(map(float, pose.translation()))
     return RowPose(turn, place)
-
-
-def constant_pose(pose: RigidTransform) -> RowPose:
-    """A pose that is the same in all rows."""
-    return _constant(pose)
 
 
 def _frame_along(axis: NDArray[np.float64]) -> RigidTransform:
