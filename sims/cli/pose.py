@@ -188,6 +188,8 @@ def _print(title: str, poser: "Poser") -> None:
         print(f"  {name} is {far:.4g} beyond its limits [m, rad]")
     if held.unheld > _UNHELD:
         print(f"  up to {held.unheld:.4g} N, N m act along freedoms that no motor holds")
+    if mechanism.is_rounded:
+        print("  loops contradict each other by the rounding of the file's numbers, 1e-6 at most")
     for note in mechanism.notes:
         print(f"  {note}")
 

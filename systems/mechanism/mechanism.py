@@ -28,13 +28,14 @@ from parapod.systems.mechanism.mobility import (
     Mobility,
     dexterity,
     independent_rows,
+    is_rounded,
     mobility,
     poses_near,
     scaled_jacobian,
 )
 from parapod.systems.mechanism.model import add_model
 from parapod.systems.mechanism.parts import Model, frames_by_name, joints_by_name, named
-from parapod.systems.mechanism.pose_solver import NOTHING, ROUNDING, Pose, PoseSolver
+from parapod.systems.mechanism.pose_solver import ROUNDED, ROUNDING, Pose, PoseSolver
 from parapod.systems.mechanism.rows import RowSolver
 from parapod.systems.mechanism.tree import Tree
 from parapod.systems.physics.description import joints_of
@@ -49,6 +50,8 @@ _STEP = 1e-3
 _LONGEST_WAY, _SHORTEST_WAY = 0.2, 1e-5
 # Way that no mechanism goes [rad, lengths].
 _FARTHEST = 1e3
+# Gaps that rounding of a file may leave [rad, lengths].
+_ROUNDED_GAP = 1e-5
 # Most steps of a way over rows.
 _MOST_STEPS = 40
 
@@ -240,7 +243,23 @@ class Mechanism:
         Raises:
             UnsolvedPose: there are none; names the loop that stays open the most.
         """
-        return _insist(self.solve(), "the loops cannot be closed")
+        pose = self.solve()
+        most = max((max(gap.length / self.size, gap.angle) for gap in pose.gaps), default=0.0)
+        if is_rounded(self._solver, pose.q) or 0.0 < most < _ROUNDED_GAP:
+            # Some loops follow from others, but for the rounding of the file's numbers.
+            self._solver.tolerance = ROUNDED
+            pose = self.solve()
+        return _insist(pose, "the loops cannot be closed")
+
+    @property
+    def is_rounded(self) -> bool:
+        """Whether numbers of the file are rounded so that loops contradict each other a little."""
+        return self._solver.tolerance is ROUNDED
+
+    @property
+    def nothing(self) -> float:
+        """Share of the largest singular value below which one is none [-]."""
+        return self._solver.tolerance.nothing
 
     def positions(self, joints: Mapping[str, float], near: ArrayLike | None = None) -> Floats:
         """Positions (q) with those of some joints replaced; loops are not closed."""
@@ -298,7 +317,7 @@ class Mechanism:
             moves = self.frame_jacobian(frame, self.home)
             scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
             moves = np.vstack((moves[3:] / self.size, moves[:3])) * scale
-            self._parts[frame] = independent_rows(moves)
+            self._parts[frame] = independent_rows(moves, self.nothing)
         return self._parts[frame]
 
     def solve(
@@ -493,7 +512,7 @@ class Mechanism:
         goal = np.zeros((len(matrix) + len(motors), len(motors)))
         goal[len(matrix) :] = np.eye(len(motors))
         whole = np.vstack((matrix, motors))
-        return np.asarray(np.linalg.lstsq(whole, goal, rcond=NOTHING)[0])
+        return np.asarray(np.linalg.lstsq(whole, goal, rcond=self.nothing)[0])
 
     def loop_jacobian(self, q: ArrayLike) -> Floats:
         """Rates of the loops' residuals by velocities (equations, v)."""
@@ -561,7 +580,7 @@ class Mechanism:
         before, after = (scaled_jacobian(self._solver, pose)[:, columns] for pose in (q, ahead))
         left, values, _ = np.linalg.svd(before, full_matrices=False)
         rank = min(self.mobility.rank, len(columns))
-        if not rank or values[rank - 1] <= NOTHING * values[0]:
+        if not rank or values[rank - 1] <= self.nothing * values[0]:
             return False  # singular to begin with: there is no branch to leave
         change = (left[:, :rank] / values[:rank]).T @ (after - before)
         return bool(np.linalg.norm(change) >= 1.0)
@@ -573,7 +592,9 @@ class Mechanism:
     def _row_solver(self, equations: Sequence[Equation], columns: Sequence[int]) -> RowSolver:
         # Home may be singular; what is next to it is not.
         pose, *_ = poses_near(self._solver, self.home)
-        return RowSolver(self._tree, equations, columns, pose, self.is_length, self.size)
+        solver = self._solver
+        options = self.is_length, self.size, solver.tolerance
+        return RowSolver(self._tree, equations, columns, pose, *options)
 
 
 def _whole_goal(goal: ArrayLike) -> Floats:

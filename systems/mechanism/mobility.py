@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import JointIndex
 
-from parapod.systems.mechanism.pose_solver import NOTHING, PoseSolver
+from parapod.systems.mechanism.pose_solver import EXACT, ROUNDED, PoseSolver
 
 type Floats = NDArray[np.float64]
 
@@ -76,23 +76,24 @@ def mobility(solver: PoseSolver, home: Floats, motor_columns: Sequence[int]) -> 
     """
     poses = [home, *poses_near(solver, home)]
     matrices = [scaled_jacobian(solver, q) for q in poses]
-    ranks = [_rank(matrix) for matrix in matrices]
+    nothing = solver.tolerance.nothing
+    ranks = [_rank(matrix, nothing) for matrix in matrices]
     matrix = matrices[int(np.argmax(ranks))]
     rank, count = max(ranks), matrix.shape[1]
     redundant, first = {}, 0
     for equation in solver.loops:
         others = np.delete(matrix, slice(first, first + equation.size), axis=0)
-        if surplus := equation.size - (rank - _rank(others)):
+        if surplus := equation.size - (rank - _rank(others, nothing)):
             redundant[equation.name] = surplus
         first += equation.size
     held = np.vstack((matrix, np.eye(count)[list(motor_columns)]))
-    can_move = np.abs(null_space(held)).max(axis=1, initial=0.0) > np.sqrt(NOTHING)
+    can_move = np.abs(null_space(held, nothing)).max(axis=1, initial=0.0) > np.sqrt(nothing)
     idle = [
         joint.index()
         for joint in solver.joints
         if can_move[joint.velocity_start() : joint.velocity_start() + joint.num_velocities()].any()
     ]
-    governed = _rank(held) - rank
+    governed = _rank(held, nothing) - rank
     return Mobility(
         len(matrix), rank, count - rank, redundant, governed, tuple(idle), ranks[0] < rank
     )
@@ -138,19 +139,31 @@ def scaled_jacobian(solver: PoseSolver, q: Floats) -> Floats:
     return np.asarray(rows[:, None] * matrix * columns)
 
 
-def null_space(matrix: Floats) -> Floats:
-    """Directions (n, k), orthonormal, that a matrix (m, n) takes to nothing."""
+def is_rounded(solver: PoseSolver, q: Floats) -> bool:
+    """Whether some equations follow from others but for the rounding of a file's numbers."""
+    values = np.linalg.svd(scaled_jacobian(solver, q), compute_uv=False)
+    least, most = (limit.nothing * values.max(initial=0.0) for limit in (EXACT, ROUNDED))
+    return bool(((values > least) & (values < most)).any())
+
+
+def null_space(matrix: Floats, nothing: float = EXACT.nothing) -> Floats:
+    """Directions (n, k), orthonormal, that a matrix (m, n) takes to nothing.
+
+    Args:
+        matrix: the matrix.
+        nothing: share of its largest singular value below which one is none.
+    """
     if not len(matrix):
         return np.eye(matrix.shape[1])
     _, values, right = np.linalg.svd(matrix)
-    rank = int((values > NOTHING * values.max(initial=0.0)).sum())
+    rank = int((values > nothing * values.max(initial=0.0)).sum())
     return np.asarray(right[rank:].T)
 
 
-def independent_rows(matrix: Floats) -> tuple[int, ...]:
+def independent_rows(matrix: Floats, nothing: float = EXACT.nothing) -> tuple[int, ...]:
     """Independent rows of a matrix, each the longest beside those before it, in order."""
     rest, rows = np.array(matrix), list[int]()
-    for _ in range(_rank(matrix)):
+    for _ in range(_rank(matrix, nothing)):
         lengths = np.linalg.norm(rest, axis=1)
         # The first of those that are about as long, whatever the last bits are.
         row = int(np.argmax(lengths > (1.0 - _SAME) * lengths.max()))
@@ -163,7 +176,7 @@ def independent_rows(matrix: Floats) -> tuple[int, ...]:
 def poses_near(solver: PoseSolver, home: Floats) -> list[Floats]:
     """Closed poses near home, in directions that loops let it go."""
     generator = np.random.default_rng(0)
-    free = null_space(scaled_jacobian(solver, home))
+    free = null_space(scaled_jacobian(solver, home), solver.tolerance.nothing)
     scale = np.where(solver.is_length, solver.size, 1.0)
     poses = []
     for _ in range(_POSES):
@@ -172,11 +185,11 @@ def poses_near(solver: PoseSolver, home: Floats) -> list[Floats]:
     return poses
 
 
-def _rank(matrix: Floats) -> int:
+def _rank(matrix: Floats, nothing: float) -> int:
     if not matrix.size:
         return 0
     values = np.linalg.svd(matrix, compute_uv=False)
-    return int((values > NOTHING * values.max()).sum())
+    return int((values > nothing * values.max()).sum())
 
 
 def _ratio(matrix: Floats, rank: int) -> float:

@@ -8,6 +8,7 @@ YAML file beside the model. Its keys are those of github.com/Gepetto/example-par
 
 import fnmatch
 import logging
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -45,6 +46,9 @@ from parapod.systems.mechanism.parts import Model, frames_by_name, joints_by_nam
 from parapod.systems.physics.loops import Ball, Loop, Weld, add_loop
 
 _SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml")
+# Kinds of elements that an SDFormat may have which are not of it, and what is said of one.
+_FOREIGN = 20
+_NOT_DEFINED = re.compile(r"XML Element\[(\w+)\], child of element\[(\w+)\], not defined")
 _KINDS = {"3d": "ball", "6d": "weld"}
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 # Distance along its axis of the two ball joints in place of a hinge that closes a loop [m].
@@ -154,17 +158,38 @@ def _add_by_drake(model: Model) -> None:
     parser.SetAutoRenaming(True)
     parser.package_map().PopulateFromFolder(str(model.path.resolve().parent))
     text, drawings = _readable(model)
-    with _warnings(model.notes):
+    form = model.path.suffix[1:].lower()
+    for _ in range(_FOREIGN):
         try:
-            if text is None:
-                parser.AddModels(model.path)
-            else:
-                parser.AddModelsFromString(text, model.path.suffix[1:].lower())
-            for number, drawing in enumerate(drawings):
-                drawing.add_to(model, number)
+            with _warnings(model.notes):
+                if text is None:
+                    parser.AddModels(model.path)
+                else:
+                    parser.AddModelsFromString(text, form)
+                for number, drawing in enumerate(drawings):
+                    drawing.add_to(model, number)
+            return
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
-            raise ScenarioError(f"cannot read {quoted_path(model.path)}: {reason}") from None
+            less = _without_foreign(text, reason, model.notes) if text and form == "sdf" else None
+            if less is None:
+                raise ScenarioError(f"cannot read {quoted_path(model.path)}: {reason}") from None
+            text = less
+
+
+def _without_foreign(text: str, reason: str, notes: list[str]) -> str | None:
+    """An SDFormat without elements that are not of it, which Drake has refused; None: other."""
+    foreign = _NOT_DEFINED.search(reason)
+    if foreign is None:
+        return None
+    name, owner = foreign.groups()
+    root, count = ElementTree.fromstring(text), 0
+    for parent in root.iter(owner):
+        for element in parent.findall(name):
+            parent.remove(element)
+            count += 1
+    notes.append(f"not read: <{name}> of <{owner}>, which is not of SDFormat")
+    return ElementTree.tostring(root, encoding="unicode") if count else None
 
 
 def _readable(model: Model) -> tuple[str | None, list[Drawing]]:
@@ -184,12 +209,18 @@ def _readable(model: Model) -> tuple[str | None, list[Drawing]]:
     else:
         adapt_sdf(root, model.path.parent, notes)
     model.notes += notes if is_drawn else []
+    if form == ".sdf":
+        _adapt_joints(root, model.notes)
+    return ElementTree.tostring(root, encoding="unicode"), drawings if is_drawn else []
+
+
+def _adapt_joints(root: ElementTree.Element, notes: list[str]) -> None:
+    """Makes `revolute2` of an SDFormat, which Drake does not have, the universal joint it is."""
     doubles = [joint for joint in root.iter("joint") if joint.get("type") == "revolute2"]
     for joint in doubles:
         joint.set("type", "universal")
     if doubles:
-        model.notes.append(f"{len(doubles)} joints revolute2 are read as universal")
-    return ElementTree.tostring(root, encoding="unicode"), drawings if is_drawn else []
+        notes.append(f"{len(doubles)} joints revolute2 are read as universal")
 
 
 @contextmanager

@@ -22,18 +22,34 @@ from parapod.systems.mechanism.equations import Equation, FrameTarget, Gap, gap_
 
 type Floats = NDArray[np.float64]
 
-# Residual at which an equation is fulfilled, and one that is still so where rounding or a singular
-# position leave no less [m, rad by the mechanism's size].
-_CLOSED, _CLOSED_ENOUGH = 1e-13, 1e-9
+# Residual at which an equation is fulfilled, at best [m, rad by the mechanism's size].
+_CLOSED = 1e-13
 # Most steps of Newton's method, and the largest one [rad, lengths of the mechanism].
 _STEPS, _LARGEST_STEP = 80, 0.4
-# Singular values below this share of the largest one are none.
-NOTHING = 1e-8
 # Violation of a joint's limit that is rounding [rad, m].
 ROUNDING = 1e-9
 # Random poses from which loops are tried to be closed, and how far the last ones are [rad, sizes].
 _TRIES, _SPREAD = 40, 2.0
 _ROTATING = ("ball_rpy", "quaternion_floating", "rpy_floating")
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Bounds by which equations of a mechanism are judged.
+
+    Attributes:
+        nothing: share of the largest singular value below which one is none [-].
+        enough: residual at which an equation is fulfilled, where rounding or a singular position
+            leave no less [rad, lengths of the mechanism].
+    """
+
+    nothing: float
+    enough: float
+
+
+# Numbers that fit, and those of a file that has rounded them: loops of which some follow from
+# others then contradict each other a little.
+EXACT, ROUNDED = Tolerance(1e-8, 1e-9), Tolerance(1e-5, 1e-6)
 
 
 @dataclass(frozen=True)
@@ -66,6 +82,7 @@ class PoseSolver:
         is_length: true for velocities of the plant that are those of lengths [m/s], not of angles.
         size: length by which lengths and angles are compared [m].
         loops: equations of its loops.
+        tolerance: bounds by which they are judged.
     """
 
     def __init__(self, plant: MultibodyPlant, loops: Sequence[Equation]):
@@ -75,7 +92,7 @@ class PoseSolver:
             plant: finalized.
             loops: equations of its loops.
         """
-        self.loops = tuple(loops)
+        self.loops, self.tolerance = tuple(loops), EXACT
         self.plant, self.context = plant, plant.CreateDefaultContext()
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
         self.joints = tuple(joint for joint in joints if joint.num_velocities())
@@ -148,7 +165,7 @@ class PoseSolver:
                 break
             matrix = self.jacobian(equations)
             part = matrix if columns is None else matrix[:, columns]
-            step = np.linalg.lstsq(part, -residual, rcond=NOTHING)[0]
+            step = np.linalg.lstsq(part, -residual, rcond=self.tolerance.nothing)[0]
             change = np.zeros(matrix.shape[1])
             change[slice(None) if columns is None else columns] = step
             change /= max(1.0, float((np.abs(change) / self._largest_step).max()))
@@ -285,7 +302,7 @@ class PoseSolver:
     def judge(self, equations: Sequence[Equation], q: Floats) -> Pose:
         """Positions, with the equations that they miss and the limits that they exceed."""
         self.plant.SetPositions(self.context, q)
-        enough = _CLOSED_ENOUGH * max(self.size, 1.0)
+        enough = self.tolerance.enough * max(self.size, 1.0)
         open_gaps = [gap for gap in self.gaps(equations) if max(gap.length, gap.angle) > enough]
         open_gaps.sort(key=lambda gap: -max(gap.length / self.size, gap.angle))
         return Pose(q, tuple(open_gaps), self.beyond_limits(q))

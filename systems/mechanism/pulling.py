@@ -41,7 +41,7 @@ def pulled(
     stay: list[int] = []
     for _ in mechanism.joints:
         held = np.eye(len(scale))[stay]
-        free = null_space(np.vstack((loops, held)))
+        free = null_space(np.vstack((loops, held)), mechanism.nothing)
         reach = moves @ (scale[:, None] * free)
         resistance = _RESISTANCE * mechanism.size * np.eye(free.shape[1])
         goal = np.concatenate((pull, np.zeros(free.shape[1])))

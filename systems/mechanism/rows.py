@@ -22,6 +22,7 @@ from parapod.systems.mechanism.equations import (
     WeldEquation,
 )
 from parapod.systems.mechanism.mobility import independent_rows
+from parapod.systems.mechanism.pose_solver import Tolerance
 from parapod.systems.mechanism.tree import (
     Number,
     RowPose,
@@ -46,7 +47,7 @@ type Floats = NDArray[np.float64]
 # Rows that are solved together: what a few hundred arrays of them take fits the caches.
 _TOGETHER = 2048
 _ITERATIONS = 25
-_CLOSED, _CLOSED_ENOUGH = 1e-12, 1e-9
+_CLOSED = 1e-12
 _LARGEST_STEP = 0.4
 _NOTHING = 1e-8
 
@@ -324,6 +325,7 @@ class RowSolver:
         q: Floats,
         is_length: NDArray[np.bool_],
         size: float,
+        tolerance: Tolerance,
     ):
         """Sorts equations and velocities into blocks.
 
@@ -334,11 +336,12 @@ class RowSolver:
             q: (q) pose at which it is decided which equations are independent.
             is_length: true for velocities of lengths, not of angles.
             size: length by which lengths are compared with angles [m].
+            tolerance: bounds by which equations are judged.
         """
-        self._tree = tree
+        self._tree, self._tolerance = tree, tolerance
         self.equations = [row_equation(tree, equation) for equation in equations]
         self._scale = np.where(is_length, size, 1.0)
-        self._closed_enough = _CLOSED_ENOUGH * max(size, 1.0)
+        self._closed_enough = tolerance.enough * max(size, 1.0)
         self.blocks = self._sort(list(columns), q, size, [e.is_angle for e in equations])
 
     @property
@@ -362,8 +365,9 @@ class RowSolver:
                         matrix[first + k, j] = np.ravel(rate)[0] * scale
                         depends[first + k, j] = not (type(rate) is float and rate == 0.0)
             first += equation.size
-        used = list(independent_rows(matrix))
-        free = list(independent_rows(matrix[used].T))
+        nothing = self._tolerance.nothing
+        used = list(independent_rows(matrix, nothing))
+        free = list(independent_rows(matrix[used].T, nothing))
         if not used:
             return []
         # Loaded where it is needed: that takes longer than to read a model.

@@ -14,7 +14,6 @@ from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
 from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.mechanism.mobility import null_space
-from parapod.systems.mechanism.pose_solver import NOTHING
 
 type Floats = NDArray[np.float64]
 
@@ -79,7 +78,7 @@ def motor_forces(
         )
         needed = needed - spatial.T @ np.asarray(wrench, dtype=float)
     motors = np.eye(plant.num_velocities())[mechanism.motor_columns]
-    idle = null_space(np.vstack((mechanism.loop_jacobian(positions), motors)))
+    idle = null_space(np.vstack((mechanism.loop_jacobian(positions), motors)), mechanism.nothing)
     unheld = float(np.abs(idle.T @ needed).max(initial=0.0))
     return MotorForces(by_motors.T @ needed, unheld, v, v_dot)
 
@@ -96,4 +95,4 @@ def _turning(mechanism: Mechanism, q: Floats, v: Floats) -> Floats:
     motors = np.eye(len(v))[mechanism.motor_columns]
     goal = np.concatenate((-drift, np.zeros(len(motors))))
     whole = np.vstack((matrix, motors))
-    return np.asarray(np.linalg.lstsq(whole, goal, rcond=NOTHING)[0])
+    return np.asarray(np.linalg.lstsq(whole, goal, rcond=mechanism.nothing)[0])

@@ -284,6 +284,40 @@ def test_universal_joints_that_drake_cannot_turn_round_are_turned(tmp_path):
         np.testing.assert_allclose(turn @ axis, axis, atol=1e-12)
 
 
+def test_elements_that_are_not_of_sdformat_are_left_out_and_named(tmp_path):
+    text = (MODELS / "four_bar.sdf").read_text()
+    path = tmp_path / "four_bar.sdf"
+    path.write_text(text.replace('<link name="crank">', '<link name="crank"><static>0</static>'))
+    mechanism = Mechanism.load(path)
+    assert "not read: <static> of <link>, which is not of SDFormat" in mechanism.notes
+    assert mechanism.mobility.freedoms == 1
+
+
+def test_a_revolute2_with_one_axis_is_refused_by_name(tmp_path):
+    path = tmp_path / "four_bar.sdf"
+    text = (MODELS / "four_bar.sdf").read_text()
+    path.write_text(text.replace('"pin_2" type="revolute"', '"pin_2" type="revolute2"'))
+    with pytest.raises(ScenarioError, match="axis2 must be specified for joint 'pin_2'"):
+        Mechanism.load(path)
+
+
+def test_loops_that_rounding_lets_contradict_each_other_have_their_freedoms(tmp_path):
+    # Hinges whose axes are parallel but for 1e-7 rad.
+    text = (MODELS / "four_bar.sdf").read_text()
+    path = tmp_path / "four_bar.sdf"
+    head, tail = text.split('<joint name="pin_2"')
+    path.write_text(head + '<joint name="pin_2"' + tail.replace("0 1 0", "2e-7 1 1e-7", 1))
+    mechanism = Mechanism.load(path)
+    assert mechanism.mobility.freedoms == 1
+    assert mechanism.is_rounded
+    assert not Mechanism.load(MODELS / "four_bar.sdf").is_rounded
+    q = mechanism.forward([0.5], near=mechanism.home)
+    assert np.abs(mechanism.residual(q)).max() < 1e-6
+    rows, is_closed = mechanism.forward_rows([[0.5]])
+    assert is_closed.all()
+    np.testing.assert_allclose(rows[0], q, atol=1e-5)
+
+
 def test_the_base_is_welded_unless_it_is_to_be_free(tmp_path):
     path = write(tmp_path, "closed_loop: [[end, goal]]\ntype: [3d]\nname_mot: [rail]\n")
     assert Mechanism.load(path).mobility.freedoms == 1
