@@ -36,8 +36,11 @@ import parapod.systems
 from parapod.diagrams.levelling_platform.design import PlatformDesign
 from parapod.diagrams.levelling_platform.model import add_platform
 from parapod.diagrams.machining_centre.model import add_centre
+from parapod.diagrams.station import Station
 from parapod.diagrams.terrain_simulator.leg import LegDescription, UrdfLeg, make_leg_model
+from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.terrain_simulator.model import add_bench, add_leg_on_slide
+from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.walking_chair.model import add_chair
 from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.actuators.pi_controller import PiControllerParams
@@ -266,6 +269,34 @@ HIP = {
     "hip_measured": around(0.9, 5e-3),
     "hip_rate": around(0.0, 0.1),
 }
+
+
+@cache
+def standing_leg():
+    """Plant of a bench on which a leg stands, its part of a context, and what owns both."""
+    station = Station(TERRAIN_BENCH, TerrainBenchScenario())
+    root = station.CreateDefaultContext()
+    for port in TERRAIN_BENCH.inputs:
+        station.GetInputPort(port.name).FixValue(root, np.full(port.size, port.idle))
+    plant = station.behind.handle.plant.model.plant
+    return plant, plant.GetMyMutableContextFromRoot(root), root, station
+
+
+def of_standing_leg(port):
+    """Value of an output of that plant, the foot somewhere in the plate and in some motion."""
+
+    def sample(random, size):
+        plant, context, root, station = standing_leg()
+        station.reset(root)
+        slide = plant.GetJointByName("slide")
+        slide.set_translation(context, slide.get_translation(context) - random.uniform(1e-4, 3e-4))
+        plant.SetVelocities(context, random.uniform(-0.02, 0.02, plant.num_velocities()))
+        if random.integers(2):
+            slide.set_translation_rate(context, 0.0)  # it may be locked
+        value = plant.GetOutputPort(port).EvalAbstract(context)
+        return value.Clone() if size is None else value.get_value().value()[:size]
+
+    return sample
 
 
 def reactions(random, size):
@@ -550,6 +581,16 @@ ENTRIES: dict[str, Entry] = {
         passes={"is passed on": "posture_damped_state"},
         shares=True,
     ),
+    "FootBalance": Entry(
+        lambda: {
+            "plant": standing_leg()[0],
+            "slide": standing_leg()[0].GetJointByName("slide"),
+            "leg": standing_leg()[0].GetJointByName("knee").model_instance(),
+        },
+        inputs={port: of_standing_leg(port) for port in ("state", "contact_results")}
+        | {"column_force": around(0.0, 20.0), "slide_force": around(-300.0, 20.0)},
+        passes={"are not are passed on": "foot_force"},
+    ),
     "FootForce": Entry(inputs=BENCH),
     "FootImpedance": Entry(
         lambda: {"model": make_leg_model(LegDescription())},
@@ -568,6 +609,15 @@ ENTRIES: dict[str, Entry] = {
         inputs={**BENCH, "emergency_stop": one_of(0.0, 0.0, 0.0, 1.0)},
         limits={"share": BINARY, "brake": BINARY},
         shares=True,
+    ),
+    "TreadBalance": Entry(
+        lambda: {
+            "plant": standing_leg()[0],
+            "joint": standing_leg()[0].GetJointByName("cells"),
+        },
+        inputs={port: of_standing_leg(port) for port in ("state", "contact_results")}
+        | {"foot_force": around((0.0, 300.0), 20.0)},
+        passes={"are not are passed on": "reaction_forces"},
     ),
     "TerrainReference": Entry(limits={"stance": BINARY, "done": BINARY}),
     "CentreStatics": Entry(inputs=CENTRE, passes={"forces that are not finite": "leg_force"}),
@@ -893,9 +943,11 @@ class Kind:
 
 
 def numbers_of(value):
-    """Numbers of an output that is no vector: signals of a bus, or poses of frames."""
+    """Numbers of an output that is no vector: signals of a bus, forces, or poses of frames."""
     if isinstance(value, BusValue):
         return [value.Find(name) for name in value]
+    if isinstance(value, list) and isinstance(value[0], SpatialForce):
+        return [force.get_coeffs() for force in value]
     if isinstance(value, list):
         return [pose.GetAsMatrix34() for pose in value]
     frames = sorted(value.ids(), key=lambda frame: frame.get_value())
