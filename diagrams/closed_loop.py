@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import (
     Context,
     Diagram,
@@ -21,6 +22,7 @@ from parapod.diagrams.faults import FaultPoints
 from parapod.diagrams.leaves import wiring_of
 from parapod.diagrams.own_controller import OWN, own_name
 from parapod.diagrams.recording import Recording
+from parapod.diagrams.simulators import simulator_of
 from parapod.diagrams.station import Station, check_ports
 from parapod.diagrams.wiring import (
     add,
@@ -41,9 +43,10 @@ _AGE = "status.age"
 
 
 class ClosedLoop[S](Diagram):
-    """A machine that can be simulated: `Simulator(loop)`, with its `monitor` if it has one.
+    """A machine that can be simulated, by `loop.simulator()`.
 
-    The default context is the beginning of the scenario.
+    `Simulator(loop)` does for one without a `monitor` and without `plant.accuracy`. The default
+    context is the beginning of the scenario.
 
     Ports of the same name are connected. Station inputs that nothing drives are idle; an input of
     the controller or of a source that nothing drives is an error. Signals with faults go through
@@ -147,6 +150,17 @@ class ClosedLoop[S](Diagram):
         if scenario is not None:
             settings: Any = scenario
             self.faults.set_faults(context, getattr(scenario, "faults", ()), settings.seed)
+
+    def simulator(self, context: Context | None = None) -> Simulator:
+        """A simulator with all that the loop needs: its integrator, and its monitor.
+
+        Args:
+            context: context to simulate in, which the simulator takes; None for a default one.
+        """
+        simulator = simulator_of(self, context)
+        if self.monitor is not None:
+            simulator.set_monitor(self.monitor)
+        return simulator
 
     @property
     def monitor(self) -> Callable[[Context], EventStatus] | None:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 from pydrake.geometry import AddContactMaterial, HalfSpace, ProximityProperties, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -16,27 +17,39 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ZeroOrderHold
+from pydrake.systems.primitives import MatrixGain, ZeroOrderHold
 
+from parapod.diagrams.simulators import ErrorControl
 from parapod.diagrams.wiring import add, connect, split_states
+from parapod.systems.actuators.position_servo import PositionServo
+from parapod.systems.actuators.velocity_servo import VelocityServo
 
 
-def add_discrete_plant(
-    builder: DiagramBuilder, time_step: float, contact_approximation: str
+def add_plant(
+    builder: DiagramBuilder,
+    time_step: float,
+    contact_approximation: str,
+    accuracy: float | None = None,
 ) -> tuple[MultibodyPlant, SceneGraph]:
     """Adds a plant with point contact and its scene graph.
 
-    Its output ports are not sampled: that would make every step an unrestricted update, which
-    copies the whole state of the diagram. Whoever feeds one of them back samples that one.
+    The output ports of a discrete plant are not sampled: that would make every step an
+    unrestricted update, which copies the whole state of the diagram. Whoever feeds one of them
+    back samples that one.
 
     Args:
         builder: builder of the diagram.
-        time_step: time step of the plant [s].
+        time_step: time step of the plant, and the longest one under error control [s].
         contact_approximation: Drake's discrete contact approximation.
+        accuracy: accuracy of error control, with which the plant is continuous, see
+            `ErrorControl` [m, rad]; None for a discrete plant.
     """
+    if accuracy is not None:
+        # Before the plant: then it comes first where derivatives are asked for.
+        add(builder, ErrorControl(accuracy, time_step))
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
-            time_step=time_step,
+            time_step=time_step if accuracy is None else 0.0,
             contact_model="point",
             discrete_contact_approximation=contact_approximation,
             use_sampled_output_ports=False,
@@ -46,12 +59,58 @@ def add_discrete_plant(
     return plant, scene_graph
 
 
+def arrival(drives: VelocityServo | PositionServo, accuracy: float | None) -> OutputPort:
+    """Positions and velocities of drives at the end of their step, where a plant is to arrive.
+
+    The step of a discrete plant begins as that of the drives does: with the state before it. A
+    continuous plant is integrated once the drives' state is that of the end.
+
+    Args:
+        drives: drives that take steps as long as the plant's, or between whose steps it is
+            integrated.
+        accuracy: accuracy of the plant's error control; None for a discrete plant.
+    """
+    return drives.GetOutputPort("next_state" if accuracy is None else "state")
+
+
+def lead_joints(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    instance: ModelInstanceIndex,
+    desired_state: OutputPort,
+) -> None:
+    """Has the implicit drives of a model instance follow positions and velocities.
+
+    In a continuous plant a drive follows q_d + (d / p) v_d at rest, which is the same force:
+    CENIC of Drake 1.58 takes the damper's d v_d with the wrong sign, and a drive that moves would
+    be late by 2 d / p.
+
+    Args:
+        builder: builder of the diagram that holds the plant.
+        plant: finalized.
+        instance: model instance whose actuators have gains.
+        desired_state: positions (n) and then velocities (n) of its actuators.
+    """
+    if plant.time_step() == 0.0:
+        name = plant.GetModelInstanceName(instance)
+        actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices(instance))
+        gains = [actuator.get_controller_gains() for actuator in actuators]
+        count = len(gains)
+        both = np.eye(2 * count)
+        both[:count, count:] = np.diag([gain.d / gain.p for gain in gains])
+        both[count:] = 0.0
+        folded = add(builder, MatrixGain(both), f"{name}_led_to")
+        connect(builder, desired_state, folded.get_input_port())
+        desired_state = folded.get_output_port()
+    connect(builder, desired_state, plant.get_desired_state_input_port(instance))
+
+
 def drive_joints(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
     instances: Sequence[ModelInstanceIndex],
-    next_state: OutputPort,
-    sampled_every: float | None = None,
+    desired_state: OutputPort,
+    sampled_every: float,
 ) -> OutputPort:
     """Has the plant's implicit drives follow servos; returns the forces with which they hold.
 
@@ -62,14 +121,14 @@ def drive_joints(
         builder: builder of the diagram that holds the plant.
         plant: finalized; its actuators have gains, and are those of the instances alone.
         instances: model instances whose joints are driven; all have the same number of joints.
-        next_state: positions and then velocities of all servos one step ahead, so that the plant
-            arrives where they will be, and does not trail them.
-        sampled_every: period of the forces' samples [s]; None for the plant's step.
+        desired_state: positions and then velocities of all servos at the end of their step, see
+            `arrival`.
+        sampled_every: period of the forces' samples [s].
     """
-    parts = split_states(builder, "leg_states", next_state, len(instances))
+    parts = split_states(builder, "leg_states", desired_state, len(instances))
     for port, instance in zip(parts, instances, strict=True):
-        connect(builder, port, plant.get_desired_state_input_port(instance))
-    hold = ZeroOrderHold(sampled_every or plant.time_step(), plant.num_actuators())
+        lead_joints(builder, plant, instance, port)
+    hold = ZeroOrderHold(sampled_every, plant.num_actuators())
     holding = add(builder, hold, "holding_force")
     connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
     return holding.get_output_port()
@@ -136,7 +195,7 @@ def add_adapted_model(
 
 
 def _concerns_us(record: logging.LogRecord) -> bool:
-    """False for Drake's warning that a half space does not touch deformable bodies: none here.
+    """False for Drake's warnings that are about what is not used here.
 
     And for one about a line of a file that was printed before: a file is in several plants.
     """
@@ -145,9 +204,15 @@ def _concerns_us(record: logging.LogRecord) -> bool:
         is_new = words not in _SAID
         _SAID.add(words)
         return is_new
-    return "half spaces are not currently supported for deformable" not in words
+    return not any(part in words for part in _UNCONCERNING)
 
 
+# Parts of such warnings: no body is deformable, and CENIC, which integrates all continuous plants
+# here, keeps the ends of joints.
+_UNCONCERNING = (
+    "half spaces are not currently supported for deformable",
+    "does not handle joint limits for continuous models",
+)
 # Warnings about files that have been printed.
 _SAID: set[str] = set()
 logging.getLogger("drake").addFilter(_concerns_us)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import (
     Context,
     Diagram,
@@ -17,6 +18,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.ports import Behind, Port
+from parapod.diagrams.simulators import simulator_of
 from parapod.diagrams.wiring import add, inputs_of, outputs_of
 from parapod.systems.core.errors import WiringError
 
@@ -68,6 +70,17 @@ class Station[S](Diagram):
                 stays.
         """
         self.behind.reset(root_context, self.scenario if scenario is None else scenario)
+
+    def simulator(self, context: Context | None = None) -> Simulator:
+        """A simulator of the station alone, with its integrator and its monitor.
+
+        Args:
+            context: context to simulate in, which the simulator takes; None for a default one.
+        """
+        simulator = simulator_of(self, context)
+        if self.monitor is not None:
+            simulator.set_monitor(self.monitor)
+        return simulator
 
     @property
     def monitor(self) -> Callable[[Context], EventStatus] | None:

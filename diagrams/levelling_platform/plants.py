@@ -15,6 +15,7 @@ from pydrake.systems.primitives import (
     Demultiplexer,
     DiscreteTimeDelay,
     MatrixGain,
+    Multiplexer,
     ZeroOrderHold,
 )
 
@@ -38,7 +39,7 @@ from parapod.diagrams.levelling_platform.tip import (
     motion_in,
     without_rod,
 )
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_plant, lead_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect, split_states, sum_of
@@ -116,8 +117,9 @@ def add_multibody_plant(
     meshcat: Meshcat | None,
 ) -> PlatformPlant:
     """Adds the plant of rigid bodies with closed loops and contact."""
-    plant, scene_graph = add_discrete_plant(
-        builder, scenario.plant.time_step, scenario.plant.contact_approximation
+    settings = scenario.plant
+    plant, scene_graph = add_plant(
+        builder, settings.time_step, settings.contact_approximation, settings.accuracy
     )
     model = add_platform(
         plant,
@@ -133,10 +135,9 @@ def add_multibody_plant(
     rising = drives.disturbances.rising
     if rising is not None:
         put_feet_on_pads(model, scene_graph)
-        connect(builder, rising, plant.get_desired_state_input_port(model.pads))
+        lead_joints(builder, plant, model.pads, rising)
     if drives.arm is not None:
-        arm = drives.arm.GetOutputPort("state")
-        connect(builder, arm, plant.get_desired_state_input_port(model.arm))
+        lead_joints(builder, plant, model.arm, drives.arm.GetOutputPort("state"))
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
@@ -267,7 +268,7 @@ def draw_as_full(
 def _drive_wheels(builder: DiagramBuilder, model: PlatformModel, drives: Drives) -> None:
     split = split_states(builder, "wheel_states", drives.wheels, WHEEL_COUNT)
     for port, wheel in zip(split, model.wheels, strict=True):
-        connect(builder, port, model.plant.get_desired_state_input_port(wheel))
+        lead_joints(builder, model.plant, wheel, port)
 
 
 def _drive_legs(
@@ -283,10 +284,10 @@ def _drive_legs(
     holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
     connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
     efforts = efforts_of_legs(builder, holding.get_output_port())
-    ahead, load_force = led_legs(builder, model, drives, efforts)
-    split = split_states(builder, "leg_states", ahead, LEG_COUNT)
+    ends, load_force = led_legs(builder, model, drives, efforts)
+    split = split_states(builder, "leg_states", ends, LEG_COUNT)
     for port, leg in zip(split, model.legs, strict=True):
-        connect(builder, port, plant.get_desired_state_input_port(leg))
+        lead_joints(builder, plant, leg, port)
     return load_force
 
 
@@ -314,16 +315,27 @@ def led_legs(
         drives: its drives.
         holding: forces or torques (4) that hold the legs' joints.
     """
-    # One step ahead: the plant's implicit drives then arrive where the actuators will be.
-    ahead = drives.rods.GetOutputPort("next_state")
+    if model.plant.time_step() > 0.0:
+        # One step ahead: the plant's implicit drives then arrive where the actuators will be.
+        ends = drives.rods.GetOutputPort("next_state")
+    else:
+        ends = _state_of_rods(builder, drives.rods)
     if model.is_full:
-        return ahead, holding
+        return ends, holding
     transmission = add(builder, LegTransmission(model.geometry))
-    connect(builder, ahead, transmission.GetInputPort("rod_state"))
+    connect(builder, ends, transmission.GetInputPort("rod_state"))
     extension = drives.rods.GetOutputPort("extension")
     connect(builder, extension, transmission.GetInputPort("extension"))
     connect(builder, holding, transmission.GetInputPort("swing_torque"))
     return transmission.GetOutputPort("swing_state"), transmission.GetOutputPort("load_force")
+
+
+def _state_of_rods(builder: DiagramBuilder, rods: LeafSystem) -> OutputPort:
+    """Extensions and velocities (8), to which a continuous plant is led until the next ones."""
+    state = add(builder, Multiplexer([LEG_COUNT, LEG_COUNT]), "rod_state")
+    for i, name in enumerate(("extension", "velocity")):
+        connect(builder, rods.GetOutputPort(name), state.get_input_port(i))
+    return state.get_output_port()
 
 
 def _add_inertial_motion(

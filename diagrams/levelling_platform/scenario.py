@@ -74,6 +74,9 @@ class PlantScenario(Schema):
             joints that the wheel drives turn.
         time_step: step of the rigid bodies and of the actuators [s]; the kinematic backend steps
             its actuators with the controller's period.
+        accuracy: largest error of a position in a step, with which Drake's CENIC integrates the
+            rigid bodies [m, rad]; null: they take steps of `time_step`. With a number that is the
+            step of the drives, and the longest one of the bodies. Of the multibody backend alone.
         length_error_mm: largest error of each length of each leg as built, drawn from the seed
             [mm]; the controller knows the drawing only.
         angle_error_deg: largest error of each angle of each leg as built, drawn from the seed
@@ -85,6 +88,7 @@ class PlantScenario(Schema):
     leg_model: str = choice("full", ("full", "reduced"))
     wheels: str = choice("braked", ("braked", "rolling"))
     time_step: float = quantity(1e-3, 1e-4, 2e-2)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
     length_error_mm: float = quantity(0.0, 0.0, 5.0)
     angle_error_deg: float = quantity(0.0, 0.0, 2.0)
     contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from parapod.diagrams.drawing import remove_visuals
 from parapod.diagrams.machining_centre.model import add_centre
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_plant
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.model import CentreModel, pose_of
 from parapod.systems.machining_centre.platform_mode import leg_lengths
@@ -50,15 +50,18 @@ class HeldCentre:
         return self.model.plant.GetMyMutableContextFromRoot(root_context)
 
 
-def make_held_centre(geometry: CentreGeometry, time_step: float) -> HeldCentre:
+def make_held_centre(
+    geometry: CentreGeometry, time_step: float, accuracy: float | None = None
+) -> HeldCentre:
     """Builds a centre.
 
     Args:
         geometry: the centre.
-        time_step: time step of the plant [s].
+        time_step: time step of the plant, the longest with an accuracy [s].
+        accuracy: accuracy of the plant, see `add_plant` [m, rad]; None for steps of one length.
     """
     builder = DiagramBuilder()
-    plant, scene_graph = add_discrete_plant(builder, time_step, "lagged")
+    plant, scene_graph = add_plant(builder, time_step, "lagged", accuracy)
     model = add_centre(plant, geometry)
     remove_visuals(plant, scene_graph)
     diagram = builder.Build()

@@ -19,7 +19,7 @@ from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.machining_centre.ports import PARTS
 from parapod.diagrams.machining_centre.scenario import CentreScenario, Plan
 from parapod.diagrams.machining_centre.view import add_colours, add_drawing
-from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.multibody import add_plant, arrival, drive_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect
@@ -64,11 +64,11 @@ class Legs(NamedTuple):
 
     Attributes:
         position: lengths (2n) [m].
-        next_state: lengths and rates (4n) one step ahead [m, m/s].
+        arrival: lengths and rates (4n) at the end of the drives' step [m, m/s].
     """
 
     position: OutputPort
-    next_state: OutputPort
+    arrival: OutputPort
 
 
 type PlantMaker = Callable[
@@ -77,7 +77,11 @@ type PlantMaker = Callable[
 ]
 
 
-def _add_legs(simulation: Simulation[CentreScenario, Beginning], drives: PositionServo) -> Legs:
+def _add_legs(
+    simulation: Simulation[CentreScenario, Beginning],
+    drives: PositionServo,
+    accuracy: float | None,
+) -> Legs:
     """Adds the errors of the encoders to the lengths of the drives."""
     builder, errors = simulation.builder, simulation.beginning.errors
     count = errors.size
@@ -85,9 +89,11 @@ def _add_legs(simulation: Simulation[CentreScenario, Beginning], drives: Positio
     rest = add(builder, MatrixGain(np.eye(2 * count, count)), "length_and_rate_error")
     connect(builder, source.get_output_port(), rest.get_input_port())
     legs_shown = []
-    for name, error in (("position", source), ("next_state", rest)):
-        port = drives.GetOutputPort(name)
-        total = add(builder, Adder(2, port.size()), f"true_{name}")
+    for port, error in (
+        (drives.GetOutputPort("position"), source),
+        (arrival(drives, accuracy), rest),
+    ):
+        total = add(builder, Adder(2, port.size()), f"true_{port.get_name()}")
         connect(builder, port, total.get_input_port(0))
         connect(builder, error.get_output_port(), total.get_input_port(1))
         legs_shown.append(total.get_output_port())
@@ -110,14 +116,15 @@ def add_multibody_plant(
 ) -> Plant[Beginning]:
     """Adds the plant of rigid bodies, whose legs are held to where the drives are."""
     geometry, plan = scenario.machine.geometry, scenario.plan
-    plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
+    settings = scenario.plant
+    plant, scene_graph = add_plant(builder, settings.time_step, "lagged", settings.accuracy)
     stiffness = 1e6 * scenario.machine.legs.stiffness_N_um
     pose, feet = plan.beginning
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
     model = add_centre(plant, geometry, gains, feet, scenario.machine.bodies)
     plant.SetDefaultPositions(model.positions(pose, feet))
     control = scenario.control.period
-    force = drive_joints(builder, plant, model.limbs, legs.next_state, sampled_every=control)
+    force = drive_joints(builder, plant, model.limbs, legs.arrival, sampled_every=control)
     truth = add(builder, CentreTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
@@ -215,7 +222,7 @@ def add_simulated(
     step = 0.5 * period if is_kinematic else scenario.plant.time_step
     servo = make_drives(scenario, simulation.beginning, step)
     drives = simulation.add_drives(servo, "legs", _put_drives)
-    legs = _add_legs(simulation, drives)
+    legs = _add_legs(simulation, drives, scenario.plant.accuracy)
     job = scenario.plan.job
     drilling = add(builder, DrillingProcess(job.process, job.panel, job.speeds.feed, period))
     # Feet of bodies are where the panel has them.

@@ -179,10 +179,14 @@ class CentrePlantScenario(Schema):
     Attributes:
         time_step: step of the rigid bodies and of the drives [s]; what holds a clamped foot yields
             with its square: at 2 ms a foot that swings is led past what its clamp reaches.
+        accuracy: largest error of a position in a step, with which Drake's CENIC integrates the
+            rigid bodies [m, rad]; null: they take steps of `time_step`. With a number that is the
+            step of the drives, and the longest one of the bodies. Of the multibody backend alone.
         switching_ms: time that locks and clamps take [ms].
     """
 
     time_step: float = quantity(1e-3, 1e-4, 1e-3)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
     switching_ms: float = quantity(60.0, 0.0, 1000.0)
 
 

@@ -1,12 +1,12 @@
 """Plants behind the terrain simulator's station: rigid bodies and kinematics, with the drives."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PdControllerGains
+from pydrake.multibody.tree import Joint, PdControllerGains
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -18,7 +18,7 @@ from pydrake.systems.primitives import (
 )
 
 from parapod.diagrams.drawing import draw_model, publish, remove_visuals
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_plant, arrival, lead_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.terrain_simulator.leg import LegUnderTest
@@ -28,11 +28,13 @@ from parapod.diagrams.terrain_simulator.scenario import TerrainBenchScenario
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo, VelocityServoParams
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.switching import switched
 from parapod.systems.core.vectors import Array
 from parapod.systems.sensors.noise import NoiseSource
 from parapod.systems.terrain_simulator.belt import BeltSurface
 from parapod.systems.terrain_simulator.cells import ForceCells
+from parapod.systems.terrain_simulator.force_balance import FootBalance, TreadBalance
 from parapod.systems.terrain_simulator.kinematics import slider_places
 from parapod.systems.terrain_simulator.model import (
     BenchModel,
@@ -102,7 +104,8 @@ def add_bodies(
 ) -> Behind:
     """Adds the bench as rigid bodies with closed loops, the leg on its slide, and the drives."""
     simulation, period = simulation_of(builder, scenario), scenario.control.period
-    plant, scene_graph = add_discrete_plant(builder, scenario.plant.time_step, "lagged")
+    settings = scenario.plant
+    plant, scene_graph = add_plant(builder, settings.time_step, "lagged", settings.accuracy)
     machine, leg = scenario.machine, scenario.leg.under_test
     stiffness = 1e6 * machine.sliders.stiffness_N_um
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
@@ -115,19 +118,19 @@ def add_bodies(
         plant, machine.geometry, gains, add_more, machine.sliders.max_force_N, machine.bodies
     )
     (on_slide,) = legs_held
+    ends = [] if settings.accuracy is None else _freed(plant, on_slide)
     stand = _Stand(model, on_slide, leg)
     stand.set_default(scenario.walk)
     sliders = simulation.add_drives(make_sliders(scenario), "sliders", _put_sliders)
-    of_rail = plant.get_desired_state_input_port(model.rail)
-    connect(builder, sliders.GetOutputPort("next_state"), of_rail)
+    lead_joints(builder, plant, model.rail, arrival(sliders, settings.accuracy))
     sampled = add(builder, ZeroOrderHold(period, 3), "slider_force")
     connect(builder, plant.get_net_actuation_output_port(model.rail), sampled.get_input_port())
     column = ConstantVectorSource(np.array((scenario.walk.hip[0], 0.0)))
-    of_column = plant.get_desired_state_input_port(on_slide.column)
-    connect(builder, add(builder, column, "column").get_output_port(), of_column)
+    place = add(builder, column, "column").get_output_port()
+    lead_joints(builder, plant, on_slide.column, place)
     _move_tread(simulation, _add_belt(simulation, scenario), plant, model)
-    brake = add_leg_ports(simulation, scenario, plant, on_slide)
-    _add_cells(simulation, scenario, plant, model)
+    brake, foot_force = add_leg_ports(simulation, scenario, plant, on_slide)
+    _add_cells(simulation, scenario, plant, model, foot_force)
     truth = add(builder, BenchTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     signals = {name: truth.GetOutputPort(name) for name in ("pose", "loop_error")}
@@ -141,6 +144,8 @@ def add_bodies(
     def between_steps(root_context: Context) -> None:
         """Holds the slide while it is braked: a joint is locked by what does not step."""
         context = plant.GetMyMutableContextFromRoot(root_context)
+        for end in ends:
+            end.check(context)
         signal: Any = is_braked.EvalBasicVector(brake.GetMyContextFromRoot(root_context))
         request = switched(signal[0]) is not False
         if request != slide.is_locked(context):
@@ -152,6 +157,46 @@ def add_bodies(
     simulation.add_plant(Plant(signals, put, between_steps, model))
     _add_current(simulation, scenario)
     return simulation.behind(PARTS)
+
+
+class _Ends(NamedTuple):
+    """Ends of a joint of the leg that a continuous plant goes without.
+
+    CENIC of Drake 1.58 fails when the foot leaves the plate, if more than one joint between the
+    world and the foot has ends; the slide keeps its own.
+    """
+
+    joint: Joint
+    low: float
+    high: float
+
+    def check(self, context: Context) -> None:
+        """Refuses to go on with a joint beyond its ends.
+
+        Raises:
+            ScenarioError: names the joint.
+        """
+        q = self.joint.GetOnePosition(context)
+        if not self.low <= q <= self.high:
+            raise ScenarioError(
+                f"the leg's '{self.joint.name()}' comes to an end of its way, at {q:.3g} of "
+                f"{self.low:.3g} to {self.high:.3g}, which a plant with plant.accuracy does not "
+                "have; plant.accuracy must be null here",
+                "plant.accuracy",
+            )
+
+
+def _freed(plant: MultibodyPlant, on_slide: LegOnSlide) -> list[_Ends]:
+    """Takes the ends away from the joints of the leg, which are to be watched in their place."""
+    ends = []
+    for joint in map(plant.get_joint, plant.GetJointIndices(on_slide.leg.instance)):
+        if joint.num_positions() != 1:
+            continue
+        (low,), (high,) = joint.position_lower_limits(), joint.position_upper_limits()
+        if np.isfinite(low) or np.isfinite(high):
+            ends.append(_Ends(joint, low, high))
+            joint.set_position_limits(np.array((-np.inf,)), np.array((np.inf,)))
+    return ends
 
 
 def _add_leg(
@@ -222,12 +267,24 @@ def _move_tread(
     connect(builder, surface.get_output_port(), plant.get_surface_speeds_input_port())
 
 
+class OnSlide(NamedTuple):
+    """Slide and leg, as the rest of a plant needs them.
+
+    Attributes:
+        brake: shows the slide's brake.
+        foot_force: force (2) of the ground on the foot, x and z [N]; to be sampled.
+    """
+
+    brake: System
+    foot_force: OutputPort
+
+
 def add_leg_ports(
     simulation: Simulated,
     scenario: TerrainBenchScenario,
     plant: MultibodyPlant,
     on_slide: LegOnSlide,
-) -> System:
+) -> OnSlide:
     """Adds the drives of slide and leg in a plant of bodies, and the ground's force on the foot.
 
     Args:
@@ -237,7 +294,7 @@ def add_leg_ports(
         on_slide: the leg there.
 
     Returns:
-        What shows the slide's brake.
+        What the rest of the plant needs of them.
     """
     builder, inputs, outputs = simulation.builder, simulation.inputs, simulation.outputs
     period, largest = scenario.control.period, np.array([scenario.hip.max_force_N])
@@ -279,13 +336,35 @@ def add_leg_ports(
         part = add(builder, MatrixGain(rows[order_shown]), f"leg_{name}")
         connect(builder, plant.get_state_output_port(instance), part.get_input_port())
         outputs[f"leg.{name}"] = part.get_output_port()
+    if plant.time_step() == 0.0:
+        foot_force = _add_foot_balance(builder, plant, on_slide, period)
+        sampled = add(builder, ZeroOrderHold(period, 2), "foot_force")
+        connect(builder, foot_force, sampled.get_input_port())
+        outputs["truth.foot_force"] = sampled.get_output_port()
+        return OnSlide(brake, foot_force)
     # The ground's force on the foot is what moves column and slide besides their drives.
     contact = add(builder, Multiplexer([1, 1]), "foot_force")
     for i, of in enumerate((on_slide.column, on_slide.slide)):
         port = plant.get_generalized_contact_forces_output_port(of)
         connect(builder, port, contact.get_input_port(i))
     outputs["truth.foot_force"] = contact.get_output_port(0)
-    return brake
+    return OnSlide(brake, contact.get_output_port(0))
+
+
+def _add_foot_balance(
+    builder: DiagramBuilder, plant: MultibodyPlant, on_slide: LegOnSlide, period: float
+) -> OutputPort:
+    """The ground's force (2) on the foot in a continuous plant, to be sampled."""
+    slide = plant.GetJointByName("slide", on_slide.slide)
+    balance = add(builder, FootBalance(plant, slide, on_slide.leg.instance, period))
+    for name, port in (
+        ("state", plant.get_state_output_port()),
+        ("contact_results", plant.get_contact_results_output_port()),
+        ("column_force", plant.get_net_actuation_output_port(on_slide.column)),
+        ("slide_force", plant.get_net_actuation_output_port(on_slide.slide)),
+    ):
+        connect(builder, port, balance.GetInputPort(name))
+    return balance.get_output_port()
 
 
 def _add_cells(
@@ -293,17 +372,26 @@ def _add_cells(
     scenario: TerrainBenchScenario,
     plant: MultibodyPlant,
     model: BenchModel,
+    foot_force: OutputPort,
 ) -> None:
     """The force cells and their noise."""
     builder, cells_set = simulation.builder, scenario.machine.cells
     joint = plant.GetJointByName("cells", model.carried)
     x, z = model.geometry.p_OP
     index = plant.GetJointIndices().index(joint.index())
+    forces = plant.get_reaction_forces_output_port()
+    if plant.time_step() == 0.0:
+        index, period = 0, scenario.control.period
+        balance = add(builder, TreadBalance(plant, joint, period))
+        contacts = plant.get_contact_results_output_port()
+        connect(builder, plant.get_state_output_port(), balance.GetInputPort("state"))
+        connect(builder, contacts, balance.GetInputPort("contact_results"))
+        connect(builder, foot_force, balance.GetInputPort("foot_force"))
+        forces = balance.get_output_port()
     geometry = scenario.machine.cells_geometry
     cells = add(builder, ForceCells(geometry, index, (-x, -z), cells_set.noise_N))
     noise = _add_noise(simulation, scenario)
     connect(builder, noise.get_output_port(), cells.GetInputPort("noise"))
-    forces = plant.get_reaction_forces_output_port()
     connect(builder, forces, cells.GetInputPort("reaction_forces"))
     hold = add(builder, ZeroOrderHold(scenario.control.period, _SOURCES), "cells_held")
     connect(builder, cells.GetOutputPort("force"), hold.get_input_port())

@@ -260,9 +260,14 @@ class BenchPlantScenario(Schema):
 
     Attributes:
         time_step: step of the rigid bodies and of the drives [s].
+        accuracy: largest error of a position in a step, with which Drake's CENIC integrates the
+            rigid bodies [m, rad]; null: they take steps of `time_step`. With a number that is the
+            step of the drives, and the longest one of the bodies. Of the multibody backend alone.
+            Joints of the leg have no ends then, and a run in which one comes to an end is refused.
     """
 
     time_step: float = quantity(1e-3, 1e-4, 5e-3)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
 
 
 @dataclass

@@ -13,12 +13,12 @@ from pydrake.geometry import Box, Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Adder, Gain, TrajectorySource
+from pydrake.systems.primitives import Adder, Gain, TrajectorySource, ZeroOrderHold
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.drawing import publish, remove_visuals
 from parapod.diagrams.machine import Machine
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_plant, lead_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.terrain_simulator.leg import foot_contact
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
@@ -49,7 +49,7 @@ def add_world(
     The sliders are at their commands; nothing stands on them.
     """
     walk, step = scenario.walk, scenario.plant.time_step
-    plant, scene_graph = add_discrete_plant(builder, step, "lagged")
+    plant, scene_graph = add_plant(builder, step, "lagged", scenario.plant.accuracy)
     leg = scenario.leg.under_test
     on_slide = add_leg_on_slide(plant, leg, scenario.hip.mass_kg, scene_graph=scene_graph)
     _lay_out(plant, walk)
@@ -60,7 +60,11 @@ def add_world(
     # A step ahead, as the drive wants it.
     way = (x + motion.distance[0], motion.distance[1])
     travelled = _source(builder, "column", times - step, way, is_state=True)
-    connect(builder, travelled, plant.get_desired_state_input_port(on_slide.column))
+    if scenario.plant.accuracy is not None:
+        held = add(builder, ZeroOrderHold(step, 2), "column_held")
+        connect(builder, travelled, held.get_input_port())
+        travelled = held.get_output_port()
+    lead_joints(builder, plant, on_slide.column, travelled)
     simulation = simulation_of(builder, scenario)
     add_plate(simulation, scenario)
     add_leg_ports(simulation, scenario, plant, on_slide)

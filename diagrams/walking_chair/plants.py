@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource
 
 from parapod.diagrams.drawing import draw, draw_model, publish, remove_visuals
-from parapod.diagrams.multibody import add_discrete_plant, drive_joints
+from parapod.diagrams.multibody import add_plant, arrival, drive_joints
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.walking_chair.model import BranchDrive, add_chair, add_passenger
@@ -118,13 +118,14 @@ def add_multibody_plant(
     meshcat: Meshcat | None,
 ) -> ChairPlant:
     """Adds the plant of rigid bodies, whose branches are held to where the drives are."""
-    time_step = scenario.plant.time_step
-    plant, scene_graph = add_discrete_plant(
-        builder, time_step, scenario.plant.contact_approximation
+    settings = scenario.plant
+    plant, scene_graph = add_plant(
+        builder, settings.time_step, settings.contact_approximation, settings.accuracy
     )
     model = add_designed_chair(plant, scenario, beginning.passenger)
     plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
-    force = drive_joints(builder, plant, model.legs, drives.GetOutputPort("next_state"))
+    ends = arrival(drives, settings.accuracy)
+    force = drive_joints(builder, plant, model.legs, ends, sampled_every=settings.time_step)
     truth = add(builder, ChairTruth(model))
     contact = plant.get_contact_results_output_port()
     connect(builder, contact, truth.GetInputPort("contact_results"))

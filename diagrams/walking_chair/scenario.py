@@ -107,11 +107,15 @@ class ChairPlantScenario(Schema):
 
     Attributes:
         time_step: step of the plant of rigid bodies and of the drives [s].
+        accuracy: largest error of a position in a step, with which Drake's CENIC integrates the
+            rigid bodies [m, rad]; null: they take steps of `time_step`. With a number that is the
+            step of the drives, and the longest one of the bodies. Of the multibody backend alone.
         contact_approximation: Drake's discrete contact approximation: "lagged", "similar" or
             "sap".
     """
 
     time_step: float = quantity(1e-3, 1e-4, 1e-2)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
     contact_approximation: str = choice("lagged", ("lagged", "similar", "sap"))
 
 

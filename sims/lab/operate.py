@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -108,7 +107,7 @@ def _run(
     desk: Desk,
     options: RunOptions,
 ) -> None:
-    simulator = Simulator(loop)
+    simulator = loop.simulator()
     visible = _shown_on(desk, experiment, loop, simulator.get_context())
 
     def is_over(root: Context) -> bool:

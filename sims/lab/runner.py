@@ -245,7 +245,7 @@ class Runner:
                     None,
                     lambda: granted.elapsed,
                 )
-        simulator = Simulator(closed_loop)
+        simulator = closed_loop.simulator()
 
         def again() -> float:
             if backend == "hardware":
@@ -427,7 +427,7 @@ class Live:
         """
         refuse_deaf(loop)
         self.panel, self.loop = panel, loop
-        self.simulator = Simulator(loop)
+        self.simulator = loop.simulator()
         monitors = [] if loop.monitor is None else [loop.monitor]
         visible = shown_on(panel, read_out, loop, self.simulator.get_context())
         self.simulator.set_monitor(_all_of([*monitors, visible]))

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -278,7 +277,7 @@ class Campaign:
         """
         self._scenario, self._phase, self._window = scenario, phase, window
         self._loop = Deploy("deploy").loop(scenario, log=(), injectable=_INJECTABLE)
-        simulator = Simulator(self._loop)
+        simulator = self._loop.simulator()
         simulator.set_monitor(self._stop_in_phase)
         simulator.Initialize()
         simulator.AdvanceTo(scenario.longest)
@@ -307,7 +306,7 @@ class Campaign:
         return self._judge(device, kind, trace)
 
     def _watch(self, context: Context) -> _Trace:
-        simulator = Simulator(self._loop, context)
+        simulator = self._loop.simulator(context)
         recorder = _Recorder(self._loop)
         simulator.set_monitor(recorder.look)
         simulator.Initialize()

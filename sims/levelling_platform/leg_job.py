@@ -25,6 +25,7 @@ from parapod.diagrams.levelling_platform.scenario import (
     LevellingScenario,
     PlantScenario,
 )
+from parapod.diagrams.simulators import simulator_of
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import idle_inputs
 from parapod.sims.lab.experiment import LoopExperiment
@@ -80,7 +81,7 @@ def make_simulator(builder: DiagramBuilder, station: Station[LevellingScenario])
         station: the machine.
     """
     idle_inputs(builder, station, {port.name: port.idle for port in station.machine.inputs})
-    return Simulator(builder.Build())
+    return simulator_of(builder.Build())
 
 
 class LegJob(LoopExperiment[LevellingScenario, Run]):

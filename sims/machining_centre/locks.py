@@ -17,9 +17,9 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.machining_centre.held_centre import HeldCentre, make_held_centre
+from parapod.diagrams.simulators import simulator_of
 from parapod.diagrams.style import COLOURS
 from parapod.sims.lab.experiment import Experiment
 from parapod.sims.lab.runner import Runner
@@ -61,6 +61,8 @@ class CentreLocksScenario(Schema):
         tilt_deg: largest roll, pitch and yaw of these [deg].
         duration: time after which is looked how far the platform has sunk [s].
         time_step: step of the rigid bodies [s].
+        accuracy: accuracy of the rigid bodies, as `plant.accuracy` of centre-walk [m, rad]; null:
+            they take steps of `time_step`.
     """
 
     backend: str = choice("multibody", ("multibody",))
@@ -71,6 +73,7 @@ class CentreLocksScenario(Schema):
     tilt_deg: float = quantity(10.0, 0.0, 20.0)
     duration: float = quantity(0.5, 0.4, 2.0)
     time_step: float = quantity(1e-3, 1e-4, 5e-3)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
 
     @property
     def home(self) -> Array:
@@ -178,14 +181,14 @@ class CentreLocks(Experiment[CentreLocksScenario, Comparison]):
     def run(self, scenario: CentreLocksScenario, runner: Runner) -> Comparison:
         """Tries every pair."""
         sets = lock_sets(_TRIPOD, _LIMB)
-        centre = make_held_centre(_TRIPOD, scenario.time_step)
+        centre = make_held_centre(_TRIPOD, scenario.time_step, scenario.accuracy)
         home, around = scenario.home, scenario.around
         pairs = []
         with counted(runner.console, "pairs of locks", len(sets)) as tell:
             for count, lock_set in enumerate(sets, start=1):
                 pairs.append(_tried(centre, home, around, lock_set, scenario.duration))
                 tell(count)
-        four = make_held_centre(_QUADRUPED, scenario.time_step)
+        four = make_held_centre(_QUADRUPED, scenario.time_step, scenario.accuracy)
         conditions = lock_conditions(_QUADRUPED, home, LockSet(_LIMB), along="left")
         loose = LockSet(_LIMB).joints
         return Comparison(
@@ -319,7 +322,7 @@ def fall(
     Returns:
         Distance of P_O from where it was [m], and drift [rad].
     """
-    simulator = Simulator(held.diagram)
+    simulator = simulator_of(held.diagram)
     root, model = simulator.get_mutable_context(), held.model
     held.stand(root, pose)
     context = held.context(root)

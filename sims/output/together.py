@@ -16,7 +16,6 @@ from functools import partial
 from itertools import repeat
 from typing import Any
 
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from parapod.diagrams.closed_loop import ClosedLoop
@@ -263,7 +262,7 @@ def _carried_on(rows: LoopRows[Any], wish: Wish, monitors: Sequence[Any]) -> boo
 
 
 def _simulate(wish: Wish, until: float) -> None:
-    simulator = Simulator(wish.loop)
+    simulator = wish.loop.simulator()
     wish.loop.reset(simulator.get_mutable_context(), wish.begin)
     with suppress(Exception):  # which is told when this run is carried out
         simulator.AdvanceTo(until)

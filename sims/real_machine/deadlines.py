@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -205,7 +204,7 @@ def _simulated_turn(
 ) -> None:
     """A turn without devices."""
     loop = ClosedLoop(machine, scenario, log=())
-    simulator = Simulator(loop)
+    simulator = loop.simulator()
     root = simulator.get_mutable_context()
     options = RunOptions(log=log, console=Console(quiet=True))
     with ExitStack() as stack:
@@ -246,7 +245,7 @@ def _emulated_turn(
             loop = ClosedLoop(machine, scenario, log=())  # its devices' addresses are in there
             try:
                 run_on_hardware(
-                    *(loop, Simulator(loop), duration, options, "bench-rt"),
+                    *(loop, loop.simulator(), duration, options, "bench-rt"),
                     requests=measured.setting.asked,
                     announce=timings.append,
                 )

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, InputPort, OutputPort
 from rich.console import Console
 
@@ -26,6 +25,7 @@ from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.ports import Port
+from parapod.diagrams.simulators import simulator_of
 from parapod.diagrams.station import Station
 from parapod.sims.output.logs.live import LiveLog
 from parapod.sims.real_machine.disturbances import (
@@ -215,7 +215,7 @@ class EmulatedMachine:
         self._looks = itertools.count()
         self._look_every = max(1, round(_SWITCH_PERIOD / self.period))
         self._station = Station(machine, machine.real.emulated(scenario, self.period))
-        self._simulator = Simulator(self._station)
+        self._simulator = simulator_of(self._station)
         self._context = self._simulator.get_mutable_context()
         self._sizes = {spec.name: spec.size for spec in (*machine.inputs, *machine.outputs)}
         self._sizes[SUPPLY] = 1
@@ -242,7 +242,7 @@ class EmulatedMachine:
 
     def _sustainable_rate(self) -> float:
         """Rate at which the physics leave time for devices and a controller [-]."""
-        simulator = Simulator(self._station, self._context.Clone())
+        simulator = simulator_of(self._station, self._context.Clone())
         root = simulator.get_mutable_context()
         simulator.Initialize()
         steps = max(1, round(_TRIED / self.period))

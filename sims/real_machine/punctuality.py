@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -103,7 +102,7 @@ def _run(
     """Timing of the loop at one rate, and the lateness of waking up [s]."""
     control = replace(scenario.control, period=1.0 / rate)
     loop = ClosedLoop(machine, replace(scenario, control=control), log=())
-    simulator = Simulator(loop)
+    simulator = loop.simulator()
     wake_up: list[float] = []
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())

@@ -74,6 +74,8 @@ class BenchCourseScenario(Schema):
         mass_kg: mass that the slide has with the leg [kg].
         time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
             the foot rattles on the ground.
+        accuracy: accuracy of the rigid bodies, as `plant.accuracy` of bench-walk [m, rad]; null:
+            they take steps of `time_step`.
     """
 
     backend: str = choice("multibody", ("multibody",))
@@ -86,6 +88,7 @@ class BenchCourseScenario(Schema):
     leg: LegScenario = field(default_factory=LegScenario)
     mass_kg: float = quantity(30.0, 0.1, 1000.0)
     time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
 
     def walk_over(self, name: str) -> TerrainBenchScenario:
         """The walk over one terrain.
@@ -99,7 +102,7 @@ class BenchCourseScenario(Schema):
         scenario.seed = self.seed
         scenario.gait.strides, scenario.gait.run_up = self.strides, self.run_up
         scenario.hip.adds_inertia = self.adds_inertia
-        scenario.plant = BenchPlantScenario(self.time_step)
+        scenario.plant = BenchPlantScenario(self.time_step, self.accuracy)
         scenario.control.period = self.time_step
         return scenario
 

@@ -118,6 +118,8 @@ class BenchLegScenario(Schema):
         stretch_mm: rise of the hip at take-off above its height when it stands [mm].
         time_step: step of the rigid bodies, and period of the controllers [s]; with a longer one
             the foot rattles on the plate.
+        accuracy: accuracy of the rigid bodies, as `plant.accuracy` of bench-walk [m, rad]; null:
+            they take steps of `time_step`.
         tries: tasks in their order: "step", "jump", and "chair", which is a walk of the leg of the
             walking chair.
     """
@@ -134,6 +136,7 @@ class BenchLegScenario(Schema):
     squat_mm: float = quantity(100.0, 10.0, 500.0)
     stretch_mm: float = quantity(80.0, 10.0, 500.0)
     time_step: float = quantity(1e-3, 2.5e-4, 1e-3)
+    accuracy: float | None = quantity(None, 1e-9, 1e-1)
     tries: list[str] = field(default_factory=lambda: list(TRIES))
 
     @property
@@ -143,7 +146,7 @@ class BenchLegScenario(Schema):
             TerrainBenchScenario(),
             seed=self.seed,
             end=_SETTLES,
-            plant=BenchPlantScenario(self.time_step),
+            plant=BenchPlantScenario(self.time_step, self.accuracy),
             control=BenchControlScenario(self.time_step),
             machine=self.machine,
             leg=self.leg,

@@ -8,7 +8,7 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.levelling_platform.model import add_platform
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_plant
 from parapod.systems.levelling_platform.model import FootTruth
 
 GROUND = (0.05, -0.03)
@@ -26,7 +26,7 @@ def test_the_force_on_a_roller_is_towards_it_whichever_body_of_the_contact_it_is
     monkeypatch, roller_is
 ):
     builder = DiagramBuilder()
-    plant, _ = add_discrete_plant(builder, 1e-3, "lagged")
+    plant, _ = add_plant(builder, 1e-3, "lagged")
     model = add_platform(plant, ground=GROUND)
     truth = FootTruth(model, GROUND)
     rollers = [body.index() for body in model.leg_bodies("roller")]

@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from parapod.diagrams.machine import find_machine, list_machines
 from parapod.diagrams.station import Station
 from parapod.diagrams.wiring import leaf_systems, outputs_of
+from parapod.systems.core.errors import WiringError
 from parapod.systems.core.scenario_file import load_scenario
 
 
@@ -54,6 +55,7 @@ DRIVES = {
         *(np.array([0.01, -0.01, -0.01]), ("sliders.brake",), 0.01),
     ),
 }
+POSES = {f"truth.{name}" for name in ("posture", "body_position", "body_attitude", "pose")}
 STOOD, MOVED, OVER = 0.3, 0.75, 0.95  # [s]
 OWN = [m for m in list_machines() if find_spec(f"parapod.diagrams.{m.name}")]
 ON_FEET = [m for m in OWN if "truth.contact_force" in {port.name for port in m.truth}]
@@ -68,19 +70,19 @@ class Run:
         weight: of what moves [N].
         time: after each period of the controller (N,) [s].
         energy: of the bodies, of their heights and speeds (N,) [J].
+        positions: of all joints (N, size) [m, rad].
         signals: what the station shows (N, size), by name.
     """
 
-    def __init__(self, name, time_step):
+    def __init__(self, name, time_step, accuracy="null"):
         machine = find_machine(name)
-        overrides = ["backend=multibody", f"plant.time_step={time_step}"]
+        steps = f"plant={{time_step: {time_step}, accuracy: {accuracy}}}"
+        overrides = ["backend=multibody", steps]
         station = Station(machine, load_scenario(machine.scenario, None, None, overrides))
         (plant,) = [s for s in leaf_systems(station) if isinstance(s, MultibodyPlant)]
-        simulator = Simulator(station)
+        simulator = station.simulator()
         root = simulator.get_mutable_context()
         station.reset(root)
-        if station.monitor is not None:
-            simulator.set_monitor(station.monitor)
         context = plant.GetMyContextFromRoot(root)
         shown = outputs_of(station)
         drives = DRIVES[name]
@@ -91,6 +93,7 @@ class Run:
         period = station.scenario.control.period
         place = shown[drives.position].Eval(root).copy()
         times, energies, rows = [], [], {name: [] for name in shown}
+        positions = []
         for k in range(round(OVER / period)):
             speed = drives.rate * np.clip((k * period - STOOD) / 0.1, 0.0, 1.0)
             place += speed * period
@@ -98,6 +101,7 @@ class Run:
             command.FixValue(root, np.broadcast_to(value, command.size()))
             simulator.AdvanceTo((k + 1) * period)
             times.append(root.get_time())
+            positions.append(plant.GetPositions(context).copy())
             energies.append(plant.CalcPotentialEnergy(context) + plant.CalcKineticEnergy(context))
             for name, port in shown.items():
                 rows[name].append(port.Eval(root).copy())
@@ -106,6 +110,7 @@ class Run:
         mass = sum(b.get_mass(context) for b in bodies if b.index() not in anchored)
         self.weight = -mass * plant.gravity_field().gravity_vector()[2]
         self.time, self.energy = np.array(times), np.array(energies)
+        self.positions = np.array(positions)
         self.signals = {name: np.array(samples) for name, samples in rows.items()}
 
 
@@ -129,6 +134,38 @@ def test_gaps_of_closed_loops_fall_with_the_square_of_the_step(name):
     coarse, fine = (gap[run(name, 1e-3).time > STOOD].max() for gap in gaps)
     assert 0.0 < coarse < 1e-5
     assert 3.5 < coarse / fine < 4.5
+
+
+@each_machine
+def test_error_control_agrees_with_steps(name):
+    """Bodies within .5 mm and .5 mrad of those that take steps; drives bear the same at rest."""
+    steps, controlled = run(name, 1e-3), run(name, 1e-3, 1e-3)
+    for signal in POSES & steps.signals.keys():
+        np.testing.assert_allclose(controlled.signals[signal], steps.signals[signal], atol=5e-4)
+    standing = (steps.time > 0.5 * STOOD) & (steps.time < STOOD)
+    forces = [
+        done.signals[DRIVES[name].force][standing].mean(axis=0) for done in (steps, controlled)
+    ]
+    np.testing.assert_allclose(*forces, rtol=0.01, atol=0.5)
+
+
+@each_machine
+def test_a_tighter_accuracy_closes_loops_better(name):
+    gaps = [run(name, 1e-3, a).signals["truth.loop_error"].max() for a in (1e-3, 1e-7)]
+    assert 0.0 < gaps[1] < 0.6 * gaps[0] < 1e-6
+
+
+@each_machine
+def test_another_integrator_than_that_of_error_control_is_refused(name):
+    settings = ["backend=multibody", "plant.accuracy=1e-3"]
+    machine = find_machine(name)
+    station = Station(machine, load_scenario(machine.scenario, None, None, settings))
+    simulator = Simulator(station)
+    root = simulator.get_mutable_context()
+    for port in machine.inputs:
+        station.GetInputPort(port.name).FixValue(root, np.full(port.size, port.idle))
+    with pytest.raises(WiringError, match=r"plant\.accuracy = 0\.001 .* loop\.simulator\(\)"):
+        simulator.AdvanceTo(0.01)
 
 
 @each_on_feet

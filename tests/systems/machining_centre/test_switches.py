@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.diagrams.machining_centre.model import add_centre
-from parapod.diagrams.multibody import add_discrete_plant
+from parapod.diagrams.multibody import add_plant
 from parapod.diagrams.wiring import add
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.job import standing
@@ -142,7 +142,7 @@ class Bodies:
 
     def __init__(self):
         builder = DiagramBuilder()
-        plant, _ = add_discrete_plant(builder, 1e-3, "lagged")
+        plant, _ = add_plant(builder, 1e-3, "lagged")
         self.model = add_centre(plant, TRIPOD, footholds=FEET)
         self.switches = add(builder, Switches(TRIPOD, None, PERIOD))
         for name in ("locks_command", "clamps_command", "feet"):
