@@ -356,7 +356,8 @@ def _add_foot_balance(
 ) -> OutputPort:
     """The ground's force (2) on the foot in a continuous plant, to be sampled."""
     slide = plant.GetJointByName("slide", on_slide.slide)
-    balance = add(builder, FootBalance(plant, slide, on_slide.leg.instance, period))
+    column = plant.GetJointActuatorByName("column", on_slide.column)
+    balance = add(builder, FootBalance(plant, column, slide, on_slide.leg.instance, period))
     for name, port in (
         ("state", plant.get_state_output_port()),
         ("contact_results", plant.get_contact_results_output_port()),

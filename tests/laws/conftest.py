@@ -584,6 +584,7 @@ ENTRIES: dict[str, Entry] = {
     "FootBalance": Entry(
         lambda: {
             "plant": standing_leg()[0],
+            "column": standing_leg()[0].GetJointActuatorByName("column"),
             "slide": standing_leg()[0].GetJointByName("slide"),
             "leg": standing_leg()[0].GetJointByName("knee").model_instance(),
         },
