@@ -21,6 +21,7 @@ from pydrake.systems.primitives import MatrixGain, ZeroOrderHold
 
 from parapod.diagrams.simulators import ErrorControl
 from parapod.diagrams.wiring import add, connect, split_states
+from parapod.systems.actuators.holding_force import HoldingForce
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo
 
@@ -130,8 +131,48 @@ def drive_joints(
         lead_joints(builder, plant, instance, port)
     hold = ZeroOrderHold(sampled_every, plant.num_actuators())
     holding = add(builder, hold, "holding_force")
-    connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
+    force = plant.get_net_actuation_output_port()
+    if plant.time_step() == 0.0:
+        force = mean_force(builder, plant, instances, desired_state, sampled_every)
+    connect(builder, force, holding.get_input_port())
     return holding.get_output_port()
+
+
+def mean_force(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    instances: Sequence[ModelInstanceIndex],
+    desired_state: OutputPort,
+    period: float,
+) -> OutputPort:
+    """Forces of implicit drives in a continuous plant, to be sampled; see `HoldingForce`.
+
+    Args:
+        builder: builder of the diagram that holds the plant.
+        plant: finalized; continuous.
+        instances: model instances whose actuators are meant.
+        desired_state: positions and then velocities that all of them follow.
+        period: period of the samples [s].
+    """
+    actuators = [
+        plant.get_joint_actuator(index)
+        for instance in instances
+        for index in plant.GetJointActuatorIndices(instance)
+    ]
+    joints, gains = zip(*((a.joint(), a.get_controller_gains()) for a in actuators), strict=True)
+    force = HoldingForce(
+        plant.num_multibody_states(),
+        [joint.position_start() for joint in joints],
+        [plant.num_positions() + joint.velocity_start() for joint in joints],
+        [gain.p for gain in gains],
+        [gain.d for gain in gains],
+        [actuator.effort_limit() for actuator in actuators],
+        period,
+    )
+    add(builder, force, f"mean_force_of_{plant.GetModelInstanceName(instances[0])}")
+    connect(builder, plant.get_state_output_port(), force.GetInputPort("state"))
+    connect(builder, desired_state, force.GetInputPort("desired_state"))
+    return force.get_output_port()
 
 
 def add_ground(parser: Parser, size: int = 1) -> ModelInstanceIndex:

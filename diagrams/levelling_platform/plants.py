@@ -39,7 +39,7 @@ from parapod.diagrams.levelling_platform.tip import (
     motion_in,
     without_rod,
 )
-from parapod.diagrams.multibody import add_plant, lead_joints
+from parapod.diagrams.multibody import add_plant, lead_joints, mean_force
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect, split_states, sum_of
@@ -280,11 +280,15 @@ def _drive_legs(
     state through the plant back to their load.
     """
     plant = model.plant
-    count = plant.num_actuators()
+    is_continuous = plant.time_step() == 0.0
+    count = LEG_COUNT if is_continuous else plant.num_actuators()
     holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
-    connect(builder, plant.get_net_actuation_output_port(), holding.get_input_port())
     efforts = efforts_of_legs(builder, holding.get_output_port())
     ends, load_force = led_legs(builder, model, drives, efforts)
+    force = plant.get_net_actuation_output_port()
+    if is_continuous:
+        force = mean_force(builder, plant, model.legs, ends, time_step)
+    connect(builder, force, holding.get_input_port())
     split = split_states(builder, "leg_states", ends, LEG_COUNT)
     for port, leg in zip(split, model.legs, strict=True):
         lead_joints(builder, plant, leg, port)

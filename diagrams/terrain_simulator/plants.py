@@ -18,7 +18,7 @@ from pydrake.systems.primitives import (
 )
 
 from parapod.diagrams.drawing import draw_model, publish, remove_visuals
-from parapod.diagrams.multibody import add_plant, arrival, lead_joints
+from parapod.diagrams.multibody import add_plant, arrival, lead_joints, mean_force
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.terrain_simulator.leg import LegUnderTest
@@ -118,18 +118,22 @@ def add_bodies(
         plant, machine.geometry, gains, add_more, machine.sliders.max_force_N, machine.bodies
     )
     (on_slide,) = legs_held
-    ends = [] if settings.accuracy is None else _freed(plant, on_slide)
+    leg_ends = [] if settings.accuracy is None else _freed(plant, on_slide)
     stand = _Stand(model, on_slide, leg)
     stand.set_default(scenario.walk)
     sliders = simulation.add_drives(make_sliders(scenario), "sliders", _put_sliders)
-    lead_joints(builder, plant, model.rail, arrival(sliders, settings.accuracy))
+    ends = arrival(sliders, settings.accuracy)
+    lead_joints(builder, plant, model.rail, ends)
     sampled = add(builder, ZeroOrderHold(period, 3), "slider_force")
-    connect(builder, plant.get_net_actuation_output_port(model.rail), sampled.get_input_port())
+    force = plant.get_net_actuation_output_port(model.rail)
+    if settings.accuracy is not None:
+        force = mean_force(builder, plant, [model.rail], ends, period)
+    connect(builder, force, sampled.get_input_port())
     column = ConstantVectorSource(np.array((scenario.walk.hip[0], 0.0)))
     place = add(builder, column, "column").get_output_port()
     lead_joints(builder, plant, on_slide.column, place)
     _move_tread(simulation, _add_belt(simulation, scenario), plant, model)
-    brake, foot_force = add_leg_ports(simulation, scenario, plant, on_slide)
+    brake, foot_force = add_leg_ports(simulation, scenario, plant, on_slide, place)
     _add_cells(simulation, scenario, plant, model, foot_force)
     truth = add(builder, BenchTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
@@ -144,7 +148,7 @@ def add_bodies(
     def between_steps(root_context: Context) -> None:
         """Holds the slide while it is braked: a joint is locked by what does not step."""
         context = plant.GetMyMutableContextFromRoot(root_context)
-        for end in ends:
+        for end in leg_ends:
             end.check(context)
         signal: Any = is_braked.EvalBasicVector(brake.GetMyContextFromRoot(root_context))
         request = switched(signal[0]) is not False
@@ -284,6 +288,7 @@ def add_leg_ports(
     scenario: TerrainBenchScenario,
     plant: MultibodyPlant,
     on_slide: LegOnSlide,
+    column: OutputPort,
 ) -> OnSlide:
     """Adds the drives of slide and leg in a plant of bodies, and the ground's force on the foot.
 
@@ -292,6 +297,7 @@ def add_leg_ports(
         scenario: its `control.period`, `hip` and leg are taken.
         plant: finalized; holds the leg on its slide.
         on_slide: the leg there.
+        column: place and velocity (2) that the column is led to.
 
     Returns:
         What the rest of the plant needs of them.
@@ -337,7 +343,7 @@ def add_leg_ports(
         connect(builder, plant.get_state_output_port(instance), part.get_input_port())
         outputs[f"leg.{name}"] = part.get_output_port()
     if plant.time_step() == 0.0:
-        foot_force = _add_foot_balance(builder, plant, on_slide, period)
+        foot_force = _add_foot_balance(builder, plant, on_slide, column, period)
         sampled = add(builder, ZeroOrderHold(period, 2), "foot_force")
         connect(builder, foot_force, sampled.get_input_port())
         outputs["truth.foot_force"] = sampled.get_output_port()
@@ -352,16 +358,19 @@ def add_leg_ports(
 
 
 def _add_foot_balance(
-    builder: DiagramBuilder, plant: MultibodyPlant, on_slide: LegOnSlide, period: float
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    on_slide: LegOnSlide,
+    column: OutputPort,
+    period: float,
 ) -> OutputPort:
     """The ground's force (2) on the foot in a continuous plant, to be sampled."""
     slide = plant.GetJointByName("slide", on_slide.slide)
-    column = plant.GetJointActuatorByName("column", on_slide.column)
-    balance = add(builder, FootBalance(plant, column, slide, on_slide.leg.instance, period))
+    balance = add(builder, FootBalance(plant, slide, on_slide.leg.instance, period))
     for name, port in (
         ("state", plant.get_state_output_port()),
         ("contact_results", plant.get_contact_results_output_port()),
-        ("column_force", plant.get_net_actuation_output_port(on_slide.column)),
+        ("column_force", mean_force(builder, plant, [on_slide.column], column, period)),
         ("slide_force", plant.get_net_actuation_output_port(on_slide.slide)),
     ):
         connect(builder, port, balance.GetInputPort(name))

@@ -67,7 +67,7 @@ def add_world(
     lead_joints(builder, plant, on_slide.column, travelled)
     simulation = simulation_of(builder, scenario)
     add_plate(simulation, scenario)
-    add_leg_ports(simulation, scenario, plant, on_slide)
+    add_leg_ports(simulation, scenario, plant, on_slide, travelled)
     simulation.rest(ports_of_joints(scenario.leg.ports), {})  # no force in the cells
     outputs = simulation.outputs
     # Heights over the body's rise, as on the bench.

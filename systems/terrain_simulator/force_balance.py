@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex
+from pydrake.multibody.tree import Joint, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from parapod.systems.core.leaf_system import LeafSystem
@@ -51,7 +51,7 @@ class FootBalance(LeafSystem):
     |---|---|---|---|
     | in `state` | n | - | state of the plant |
     | in `contact_results` | abstract | - | contact results of the plant |
-    | in `column_force` | 1 | N | force of the column's drive, along x |
+    | in `column_force` | 1 | N | mean force of the column's drive, along x |
     | in `slide_force` | 1 | N | force of the slide's drive, upwards |
     | out `foot_force` | 2 | N | of the ground on the leg, x and z; to be sampled |
 
@@ -59,18 +59,12 @@ class FootBalance(LeafSystem):
     and column. Of a slide that is locked or at an end of its way, where something else bears it,
     the normal forces are those that the plant reports, and friction is what is missing along x.
 
-    The column's stiff drive shows the force of the end of a step, and not that of the step, from
-    which the damper's part differs while the column speeds up; the difference is made up for, if
-    samples come once a step.
-
-    State: discrete, at the last sample the momentum along x and z [N s], the column's place [m]
-    and 1; all are zero at first.
+    State: discrete, the momentum along x and z at the last sample [N s], zero at first.
 
     Bad input: NaN for a state that is not finite, and forces that are not are passed on.
 
     Args:
         plant: finalized.
-        column: actuator of the column.
         slide: joint of the slide on the column.
         leg: model instance of the leg, which is on the slide.
         period: period of the samples [s].
@@ -79,7 +73,6 @@ class FootBalance(LeafSystem):
     def __init__(
         self,
         plant: MultibodyPlant,
-        column: JointActuator,
         slide: Joint,
         leg: ModelInstanceIndex,
         period: float = 1e-3,
@@ -87,7 +80,6 @@ class FootBalance(LeafSystem):
         super().__init__()
         self.set_name("foot_balance")
         self._plant, self._slide, self._period = plant, slide, period
-        self._column, self._damping = column.joint(), column.get_controller_gains().d
         # The column moves along x alone, and slide and leg in both directions.
         self._rising = [slide.child_body().model_instance(), leg]
         self._moved = [slide.parent_body().model_instance(), *self._rising]
@@ -100,7 +92,7 @@ class FootBalance(LeafSystem):
         self._drives = [
             self.DeclareVectorInputPort(f"{name}_force", 1) for name in ("column", "slide")
         ]
-        self.DeclareDiscreteState(4)
+        self.DeclareDiscreteState(2)
         self.DeclareVectorOutputPort(
             "foot_force", 2, self._calc_force, {self.all_input_ports_ticket(), self.xd_ticket()}
         )
@@ -109,17 +101,12 @@ class FootBalance(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         momentum = self._momentum(context)
         if np.isfinite(momentum).all():
-            place = self._column.GetOnePosition(self._private)
-            discrete_state.set_value(0, np.array((*momentum, place, 1.0)))
+            discrete_state.set_value(0, momentum)
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
-        *last, place, is_sampled = context.get_discrete_state(0).value()
+        last = context.get_discrete_state(0).value()
         driven = np.concatenate([read_array(port, context) for port in self._drives])
         momentum = self._momentum(context)
-        if is_sampled:
-            way = self._column.GetOnePosition(self._private) - place
-            speed = self._column.GetOneVelocity(self._private)
-            driven[0] += self._damping * (speed - way / self._period)
         force = (momentum - last) / self._period - driven
         force[1] += self._weight
         if np.isfinite(momentum).all() and self._is_borne():

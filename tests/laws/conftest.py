@@ -584,7 +584,6 @@ ENTRIES: dict[str, Entry] = {
     "FootBalance": Entry(
         lambda: {
             "plant": standing_leg()[0],
-            "column": standing_leg()[0].GetJointActuatorByName("column"),
             "slide": standing_leg()[0].GetJointByName("slide"),
             "leg": standing_leg()[0].GetJointByName("knee").model_instance(),
         },
@@ -602,6 +601,18 @@ ENTRIES: dict[str, Entry] = {
         variants=({"deviation": 1.0},),
         inputs={"reaction_forces": reactions},
         passes={"shown as it is": "force"},
+    ),
+    "HoldingForce": Entry(
+        lambda: {
+            "state_size": 4,
+            "positions": [0, 1],
+            "velocities": [2, 3],
+            "stiffness": 1e3,
+            "damping": 10.0,
+        },
+        variants=({"limit": 50.0},),
+        inputs={"state": around(0.0, 0.02), "desired_state": around(0.0, 0.02)},
+        passes={"are passed on": "force"},
     ),
     "HipSupport": Entry(inputs=HIP, limits={"force_command": 2000.0}),
     "LoadEstimator": Entry(inputs=BENCH, shares=True),
