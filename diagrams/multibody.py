@@ -111,7 +111,8 @@ def drive_joints(
     plant: MultibodyPlant,
     instances: Sequence[ModelInstanceIndex],
     desired_state: OutputPort,
-    sampled_every: float,
+    step: float,
+    sampled_every: float | None = None,
 ) -> OutputPort:
     """Has the plant's implicit drives follow servos; returns the forces with which they hold.
 
@@ -124,16 +125,17 @@ def drive_joints(
         instances: model instances whose joints are driven; all have the same number of joints.
         desired_state: positions and then velocities of all servos at the end of their step, see
             `arrival`.
-        sampled_every: period of the forces' samples [s].
+        step: step of the servos [s].
+        sampled_every: period of the forces' samples [s]; None for the step.
     """
     parts = split_states(builder, "leg_states", desired_state, len(instances))
     for port, instance in zip(parts, instances, strict=True):
         lead_joints(builder, plant, instance, port)
-    hold = ZeroOrderHold(sampled_every, plant.num_actuators())
+    hold = ZeroOrderHold(sampled_every or step, plant.num_actuators())
     holding = add(builder, hold, "holding_force")
     force = plant.get_net_actuation_output_port()
     if plant.time_step() == 0.0:
-        force = mean_force(builder, plant, instances, desired_state, sampled_every)
+        force = mean_force(builder, plant, instances, desired_state, step)
     connect(builder, force, holding.get_input_port())
     return holding.get_output_port()
 
@@ -143,7 +145,7 @@ def mean_force(
     plant: MultibodyPlant,
     instances: Sequence[ModelInstanceIndex],
     desired_state: OutputPort,
-    period: float,
+    step: float,
 ) -> OutputPort:
     """Forces of implicit drives in a continuous plant, to be sampled; see `HoldingForce`.
 
@@ -152,7 +154,7 @@ def mean_force(
         plant: finalized; continuous.
         instances: model instances whose actuators are meant.
         desired_state: positions and then velocities that all of them follow.
-        period: period of the samples [s].
+        step: step of the servos, whose mean it is [s].
     """
     actuators = [
         plant.get_joint_actuator(index)
@@ -167,7 +169,7 @@ def mean_force(
         [gain.p for gain in gains],
         [gain.d for gain in gains],
         [actuator.effort_limit() for actuator in actuators],
-        period,
+        step,
     )
     add(builder, force, f"mean_force_of_{plant.GetModelInstanceName(instances[0])}")
     connect(builder, plant.get_state_output_port(), force.GetInputPort("state"))

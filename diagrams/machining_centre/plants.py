@@ -124,7 +124,8 @@ def add_multibody_plant(
     model = add_centre(plant, geometry, gains, feet, scenario.machine.bodies)
     plant.SetDefaultPositions(model.positions(pose, feet))
     control = scenario.control.period
-    force = drive_joints(builder, plant, model.limbs, legs.arrival, sampled_every=control)
+    step = settings.time_step
+    force = drive_joints(builder, plant, model.limbs, legs.arrival, step, control)
     truth = add(builder, CentreTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))

@@ -127,7 +127,8 @@ def add_bodies(
     sampled = add(builder, ZeroOrderHold(period, 3), "slider_force")
     force = plant.get_net_actuation_output_port(model.rail)
     if settings.accuracy is not None:
-        force = mean_force(builder, plant, [model.rail], ends, period)
+        step = min(settings.time_step, period)
+        force = mean_force(builder, plant, [model.rail], ends, step)
     connect(builder, force, sampled.get_input_port())
     column = ConstantVectorSource(np.array((scenario.walk.hip[0], 0.0)))
     place = add(builder, column, "column").get_output_port()
@@ -343,7 +344,7 @@ def add_leg_ports(
         connect(builder, plant.get_state_output_port(instance), part.get_input_port())
         outputs[f"leg.{name}"] = part.get_output_port()
     if plant.time_step() == 0.0:
-        foot_force = _add_foot_balance(builder, plant, on_slide, column, period)
+        foot_force = _add_foot_balance(builder, scenario, plant, on_slide, column)
         sampled = add(builder, ZeroOrderHold(period, 2), "foot_force")
         connect(builder, foot_force, sampled.get_input_port())
         outputs["truth.foot_force"] = sampled.get_output_port()
@@ -359,18 +360,20 @@ def add_leg_ports(
 
 def _add_foot_balance(
     builder: DiagramBuilder,
+    scenario: TerrainBenchScenario,
     plant: MultibodyPlant,
     on_slide: LegOnSlide,
     column: OutputPort,
-    period: float,
 ) -> OutputPort:
     """The ground's force (2) on the foot in a continuous plant, to be sampled."""
+    period = scenario.control.period
+    step = min(scenario.plant.time_step, period)
     slide = plant.GetJointByName("slide", on_slide.slide)
     balance = add(builder, FootBalance(plant, slide, on_slide.leg.instance, period))
     for name, port in (
         ("state", plant.get_state_output_port()),
         ("contact_results", plant.get_contact_results_output_port()),
-        ("column_force", mean_force(builder, plant, [on_slide.column], column, period)),
+        ("column_force", mean_force(builder, plant, [on_slide.column], column, step)),
         ("slide_force", plant.get_net_actuation_output_port(on_slide.slide)),
     ):
         connect(builder, port, balance.GetInputPort(name))

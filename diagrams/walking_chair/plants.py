@@ -125,7 +125,7 @@ def add_multibody_plant(
     model = add_designed_chair(plant, scenario, beginning.passenger)
     plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
     ends = arrival(drives, settings.accuracy)
-    force = drive_joints(builder, plant, model.legs, ends, sampled_every=settings.time_step)
+    force = drive_joints(builder, plant, model.legs, ends, settings.time_step)
     truth = add(builder, ChairTruth(model))
     contact = plant.get_contact_results_output_port()
     connect(builder, contact, truth.GetInputPort("contact_results"))

@@ -138,15 +138,16 @@ def test_gaps_of_closed_loops_fall_with_the_square_of_the_step(name):
 
 @each_machine
 def test_error_control_agrees_with_steps(name):
-    """Bodies within .5 mm and .5 mrad of those that take steps; drives bear the same at rest."""
+    """Bodies within .5 mm and .5 mrad of those that take steps; drives bear the same."""
     steps, controlled = run(name, 1e-3), run(name, 1e-3, 1e-3)
     for signal in POSES & steps.signals.keys():
         np.testing.assert_allclose(controlled.signals[signal], steps.signals[signal], atol=5e-4)
-    standing = (steps.time > 0.5 * STOOD) & (steps.time < STOOD)
-    forces = [
-        done.signals[DRIVES[name].force][standing].mean(axis=0) for done in (steps, controlled)
-    ]
-    np.testing.assert_allclose(*forces, rtol=0.01, atol=0.5)
+    for begin, end in ((0.5 * STOOD, STOOD), (MOVED, OVER)):
+        during = (steps.time > begin) & (steps.time < end)
+        held = [done.signals[DRIVES[name].force][during] for done in (steps, controlled)]
+        one, other = (force.mean(axis=0) for force in held)
+        # Legs that strain each other share their load a little differently.
+        assert np.abs(other - one).max() < 0.01 * np.abs(one).max() + 0.5
 
 
 @each_machine
