@@ -1,12 +1,11 @@
 """Leg-supported parallel machines as Drake system diagrams: the names for scripts and notebooks.
 
     import parapod
-    from pydrake.systems.analysis import Simulator
 
     scenario = parapod.scenario("level", seed=3)  # settings, checked whenever they change
     scenario.ground.pitch_deg = 4.0
     loop = parapod.closed_loop(scenario)  # a Diagram
-    simulator = Simulator(loop)
+    simulator = loop.simulator()  # Drake's Simulator
     simulator.AdvanceTo(10.0)
     recording = loop.recording(simulator.get_context())  # signals by port name, with units
     recording.plot("truth.posture", "posture_desired_state")

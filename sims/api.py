@@ -61,7 +61,7 @@ def closed_loop(
     plant: System | None = None,
     controller: System | None = None,
 ) -> ClosedLoop[Any]:
-    """The closed loop of a scenario, a Diagram: `Simulator(closed_loop(scenario))`.
+    """The closed loop of a scenario, a Diagram: `closed_loop(scenario).simulator()`.
 
     Args:
         scenario: from `scenario`, or a machine's own.
