@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
+from parapod.diagrams.disturbances import ON_BODIES, Acting, check_disturbances
 from parapod.diagrams.faults import FaultTarget, targets_of
 from parapod.diagrams.own_controller import OWN, check_period, own_name, own_system
 from parapod.diagrams.plots import Limits
@@ -95,6 +96,8 @@ class Machine[S]:
             each; None: there is none.
         resets: dotted keys of a scenario, or of whole parts of one, that `reset` of its loop takes
             over from another scenario; nothing that differs in these alone is built again.
+        disturbances: kinds of disturbances that act on it, by simulated backends; a scenario
+            without the key `disturbances` has none.
         over_rows: backends whose plants have laws over rows, with the number of runs that are
             simulated together unless another one is asked for: more are no faster.
         variant: attributes that depend on the scenario, by their names; what is declared here is
@@ -116,11 +119,19 @@ class Machine[S]:
     view: MachineView = field(default_factory=MachineView)
     limits: Callable[[S], Limits] = lambda scenario: {}
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
+    disturbances: Acting = field(default_factory=lambda: ON_BODIES)
     over_rows: Mapping[str, int] = field(default_factory=lambda: dict(_OVER_ROWS))
     variant: Callable[[S], Mapping[str, Any]] | None = None
 
     def for_scenario(self, scenario: S) -> "Machine[S]":
-        """The machine as a scenario has it."""
+        """The machine as a scenario has it.
+
+        Raises:
+            ScenarioError: disturbances that do not act on it.
+        """
+        settings: Any = scenario
+        disturbances = getattr(scenario, "disturbances", ())
+        check_disturbances(disturbances, settings.backend, self.disturbances)
         if self.variant is None:
             return self
         return replace(self, **self.variant(scenario), variant=None)

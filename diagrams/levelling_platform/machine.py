@@ -11,7 +11,10 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.levelling_platform.arm_admission import check_swing
 from parapod.diagrams.levelling_platform.controller import make_controller
-from parapod.diagrams.levelling_platform.disturbances import check_disturbances
+from parapod.diagrams.levelling_platform.disturbances import (
+    ACTING,
+    check_platform_disturbances,
+)
 from parapod.diagrams.levelling_platform.mujoco import add_mujoco_plant
 from parapod.diagrams.levelling_platform.plants import (
     add_kinematic_plant,
@@ -21,7 +24,7 @@ from parapod.diagrams.levelling_platform.plants import (
 )
 from parapod.diagrams.levelling_platform.ports import PARTS, make_ports
 from parapod.diagrams.levelling_platform.real import make_real
-from parapod.diagrams.levelling_platform.scenario import SIMULATED, LevellingScenario
+from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.vibration import shaping_system
 from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
@@ -134,9 +137,8 @@ def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
         ScenarioError: disturbances that do not fit.
     """
     machine = scenario.machine
-    check_disturbances(
-        scenario.disturbances, scenario.backend in SIMULATED, machine.masses.arm.count > 0
-    )
+    has_arm = machine.masses.arm.count > 0
+    check_platform_disturbances(scenario.disturbances, scenario.backend, has_arm)
     ports = make_ports(machine.actuators.params, machine.level_heights, machine.masses.arm)
     return {"ports": ports, "real": make_real(scenario)}
 
@@ -153,6 +155,7 @@ PLATFORM = Machine(
         "kinematic": partial(add_simulated, add_kinematic_plant),
         "mujoco": partial(add_simulated, add_mujoco_plant),
     },
+    disturbances=ACTING,
     mirror=mirror,
     controller=make_controller,
     sources=make_sources,

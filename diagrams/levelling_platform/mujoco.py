@@ -25,6 +25,7 @@ from parapod.diagrams.levelling_platform.plants import (
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.tip import applied_force, draw_bending, motion_in
 from parapod.diagrams.mujoco import draw, make_plant
+from parapod.diagrams.pushes import places_of, push_mujoco, pushes_in
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
@@ -71,7 +72,9 @@ def add_mujoco_plant(
         groups.append(model.wheels)
     if rising is not None:
         groups.append((model.pads,))
-    bodies = add(builder, MujocoPlant(translated, groups))
+    pushed = pushes_in(builder, plant, scenario.disturbances)
+    bodies = add(builder, MujocoPlant(translated, groups, pushed=places_of(pushed)))
+    push_mujoco(builder, bodies, pushed, meshcat)
     load_force = _drive(builder, model, drives, bodies)
     state = bodies.GetOutputPort("state")
     poses, place = bodies.GetOutputPort("body_poses"), scenario.machine.sensors.imu_place

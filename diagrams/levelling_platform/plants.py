@@ -41,6 +41,7 @@ from parapod.diagrams.levelling_platform.tip import (
 )
 from parapod.diagrams.multibody import add_plant, lead_joints, mean_force
 from parapod.diagrams.ports import Behind
+from parapod.diagrams.pushes import push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect, split_states, sum_of
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
@@ -141,6 +142,8 @@ def add_multibody_plant(
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
+    pushed = pushes_in(builder, plant, scenario.disturbances)
+    push_bodies(builder, plant, scene_graph, pushed, meshcat)
     state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
     place = scenario.machine.sensors.imu_place
     signals, observers = observe(builder, model, beginning, state, poses, place, rising)

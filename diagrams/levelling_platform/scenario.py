@@ -7,13 +7,13 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.disturbances import Disturbance
 from parapod.diagrams.drivers.adis16448 import Adis16448SpiImu
 from parapod.diagrams.drivers.ni_daq import NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.faults import FaultScenario, targets_of
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.design import PlatformDesign
-from parapod.diagrams.levelling_platform.disturbances import Disturbance
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.levelling_platform.ports import PORTS
 from parapod.diagrams.machine import ControlScenario as UsualControlScenario

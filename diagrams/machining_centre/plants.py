@@ -21,6 +21,7 @@ from parapod.diagrams.machining_centre.scenario import CentreScenario, Plan
 from parapod.diagrams.machining_centre.view import add_colours, add_drawing
 from parapod.diagrams.multibody import add_plant, arrival, drive_joints
 from parapod.diagrams.ports import Behind
+from parapod.diagrams.pushes import push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
@@ -129,7 +130,9 @@ def add_multibody_plant(
     truth = add(builder, CentreTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
-    _load(builder, scenario, model, drilling)
+    thrust = _add_thrust(builder, scenario, model, drilling)
+    pushed = pushes_in(builder, plant, scenario.disturbances, model.platform)
+    push_bodies(builder, plant, scene_graph, pushed, meshcat, [thrust])
     connect(builder, truth.GetOutputPort("feet"), switches.GetInputPort("feet"))
     if meshcat is None:
         remove_visuals(plant, scene_graph)
@@ -146,13 +149,13 @@ def add_multibody_plant(
     return Plant(signals, put, locking.obey, model)
 
 
-def _load(
+def _add_thrust(
     builder: DiagramBuilder,
     scenario: CentreScenario,
     model: CentreModel,
     drilling: DrillingProcess,
-) -> None:
-    """Puts thrust and torque of the material on the platform, along the drill."""
+) -> OutputPort:
+    """Thrust and torque of the material on the platform, along the drill."""
     process, plant = scenario.plan.job.process, model.plant
     ratio = process.torque / process.thrust if process.thrust > 0.0 else 0.0
     info = PropellerInfo(model.platform.index(), RigidTransform(), 1.0, ratio)
@@ -161,8 +164,7 @@ def _load(
     connect(builder, drilling.GetOutputPort("tool_force"), thrust.get_input_port())
     connect(builder, thrust.get_output_port(), drill.get_command_input_port())
     connect(builder, plant.get_body_poses_output_port(), drill.get_body_poses_input_port())
-    applied = plant.get_applied_spatial_force_input_port()
-    connect(builder, drill.get_spatial_forces_output_port(), applied)
+    return drill.get_spatial_forces_output_port()
 
 
 def add_kinematic_plant(

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from parapod.diagrams.disturbances import Disturbance
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import ControlScenario
 from parapod.diagrams.machining_centre.design import CentreDesign
@@ -235,6 +236,7 @@ class CentreScenario(Schema):
         process: see `ProcessScenario`.
         plant: see `CentrePlantScenario`.
         control: see `CentreControlScenario`.
+        disturbances: pushes on bodies, of simulated ones; see `Push`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a tripod.
     """
 
@@ -253,6 +255,7 @@ class CentreScenario(Schema):
     process: ProcessScenario = field(default_factory=ProcessScenario)
     plant: CentrePlantScenario = field(default_factory=CentrePlantScenario)
     control: CentreControlScenario = field(default_factory=CentreControlScenario)
+    disturbances: list[Disturbance] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from parapod.diagrams.disturbances import Disturbance
 from parapod.diagrams.drivers.ni_daq import NiDaqForceCells
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.hardware_scenario import HardwareScenario
@@ -314,6 +315,7 @@ class TerrainBenchScenario(Schema):
         hip: see `HipScenario`.
         plant: see `BenchPlantScenario`.
         control: see `BenchControlScenario`.
+        disturbances: pushes on bodies, of simulated ones; see `Push`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a pedal.
     """
 
@@ -334,6 +336,7 @@ class TerrainBenchScenario(Schema):
     hip: HipScenario = field(default_factory=HipScenario)
     plant: BenchPlantScenario = field(default_factory=BenchPlantScenario)
     control: BenchControlScenario = field(default_factory=BenchControlScenario)
+    disturbances: list[Disturbance] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property

@@ -5,6 +5,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from parapod.diagrams.drawing import publish
 from parapod.diagrams.mujoco import draw, make_plant
+from parapod.diagrams.pushes import places_of, push_mujoco, pushes_in
 from parapod.diagrams.walking_chair.plants import Beginning, ChairPlant, add_designed_chair
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.diagrams.wiring import add, connect
@@ -33,7 +34,9 @@ def add_mujoco_plant(
     translated = MujocoModel(
         plant, scene_graph, model.balls, feet=model.feet, loads=(model.passenger,)
     )
-    bodies = add(builder, MujocoPlant(translated, [model.legs]))
+    pushed = pushes_in(builder, plant, scenario.disturbances, model.body)
+    bodies = add(builder, MujocoPlant(translated, [model.legs], pushed=places_of(pushed)))
+    push_mujoco(builder, bodies, pushed, meshcat)
     connect(builder, drives.GetOutputPort("next_state"), bodies.GetInputPort("desired_state"))
     truth = add(builder, ChairTruth(model))
     connect(builder, bodies.GetOutputPort("body_poses"), truth.GetInputPort("body_poses"))

@@ -18,6 +18,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from parapod.diagrams.drawing import draw, draw_model, publish, remove_visuals
 from parapod.diagrams.multibody import add_plant, arrival, drive_joints
 from parapod.diagrams.ports import Behind
+from parapod.diagrams.pushes import push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.walking_chair.model import BranchDrive, add_chair, add_passenger
 from parapod.diagrams.walking_chair.ports import PARTS
@@ -130,6 +131,8 @@ def add_multibody_plant(
     contact = plant.get_contact_results_output_port()
     connect(builder, contact, truth.GetInputPort("contact_results"))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
+    pushed = pushes_in(builder, plant, scenario.disturbances, model.body)
+    push_bodies(builder, plant, scene_graph, pushed, meshcat)
     if meshcat is None:
         remove_visuals(plant, scene_graph)
     else:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from parapod.diagrams.disturbances import Disturbance
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.machine import ControlScenario
 from parapod.diagrams.walking_chair.design import ChairDesign, DriveScenario
@@ -178,6 +179,7 @@ class ChairScenario(Schema):
         gait: see `GaitScenario`.
         plant: see `ChairPlantScenario`.
         control: see `ChairControlScenario`.
+        disturbances: pushes on bodies, of simulated ones; see `Push`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 
@@ -192,6 +194,7 @@ class ChairScenario(Schema):
     gait: GaitScenario = field(default_factory=GaitScenario)
     plant: ChairPlantScenario = field(default_factory=ChairPlantScenario)
     control: ChairControlScenario = field(default_factory=ChairControlScenario)
+    disturbances: list[Disturbance] = field(default_factory=list)
     hardware: HardwareScenario = field(default_factory=emulated_hardware)
 
     @property

@@ -143,7 +143,8 @@ def test_a_course_begins_and_ends_where_it_should():
     [
         (
             ("backend=mock", "disturbances=[!Push {}]"),
-            "disturbances must be empty: they act on simulated machines only",
+            "disturbances must be empty with the backend 'mock': they act with multibody, "
+            "kinematic or mujoco",
         ),
         (
             ("machine.arm=!None {}", "disturbances=[!Payload {}]"),

@@ -22,7 +22,12 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import (
     BusValue,
     Diagram,
@@ -312,7 +317,8 @@ def translated():
     plant.SetDefaultPositions(chair.standing_positions(LENGTH.reshape(4, 3), START.body.position))
     loads = (chair.passenger,)
     model = MujocoModel(plant, scene_graph, chair.balls, feet=chair.feet, loads=loads)
-    return {"model": model, "groups": (chair.legs[:3], chair.legs[3:])}
+    pushed = [(chair.body.index(), (0.1, 0.0, 0.2)), (chair.feet[2].index(), (0.0, 0.0, 0.0))]
+    return {"model": model, "groups": (chair.legs[:3], chair.legs[3:]), "pushed": pushed}
 
 
 # --- What the laws must be told
@@ -789,7 +795,11 @@ ENTRIES: dict[str, Entry] = {
     ),
     "MujocoPlant": Entry(
         translated,
-        inputs={"desired_state": around(0.0, 0.05), "applied_force": around(0.0, 5.0)},
+        inputs={
+            "desired_state": around(0.0, 0.05),
+            "applied_force": around(0.0, 5.0),
+            "pushes": around(0.0, 5.0),
+        },
         period=lambda system: system.model.plant.time_step(),
         shares=True,
     ),
@@ -830,6 +840,10 @@ ENTRIES: dict[str, Entry] = {
         limits={"posture_scale": BINARY},
     ),
     "OperatorControls": Entry(lambda: {"controls": Moved()}),
+    "PushForces": Entry(
+        variants=({"bodies": [BodyIndex(1)] * 2, "places": np.ones((2, 3))},),
+        inputs={"pushes": around(0.0, 9.0)},
+    ),
     "PostureSliders": Entry(lambda: {"controls": Moved()}, variants=({"controls": Meshcat()},)),
     "ServoGoal": Entry(
         lambda: DRIVES,
@@ -960,6 +974,8 @@ def numbers_of(value):
         return [value.Find(name) for name in value]
     if isinstance(value, list) and isinstance(value[0], SpatialForce):
         return [force.get_coeffs() for force in value]
+    if isinstance(value, list) and isinstance(value[0], ExternallyAppliedSpatialForce):
+        return [np.append(force.F_Bq_W.get_coeffs(), force.p_BoBq_B) for force in value]
     if isinstance(value, list):
         return [pose.GetAsMatrix34() for pose in value]
     frames = sorted(value.ids(), key=lambda frame: frame.get_value())

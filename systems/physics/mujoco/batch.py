@@ -88,27 +88,32 @@ class MujocoRows(RowsMemory):
             maps = self._plant.model.maps
             return numbers_of(maps.to_plant(batch.qpos[self._ids], batch.qvel[self._ids]))
         if name == "body_poses":
-            # They are copied out after a call, if they have been bound before it.
-            fields = [batch.bind(field) for field in ("xpos", "xmat")]
-            batch.forward(self._ids, need("mujoco").mjtStage.mjSTAGE_POS)
-            of_bodies = np.ix_(self._ids, self._plant.model.bodies)
-            return PosesOfRows(*(field[of_bodies] for field in fields))
+            places = self._places("xpos", "xmat")
+            return PosesOfRows(*(field[:, self._plant.model.bodies] for field in places))
         raise TypeError(f"rows are not drawn: {name}")
+
+    def _places(self, *names: str) -> list[NDArray[np.float64]]:
+        """Fields (rows, bodies, n) that tell where MuJoCo's bodies are."""
+        # They are copied out after a call, if they have been bound before it.
+        fields = [self._batch.bind(name) for name in names]
+        self._batch.forward(self._ids, need("mujoco").mjtStage.mjSTAGE_POS)
+        return [field[self._ids] for field in fields]
 
     def update(self, context: RowsContext) -> Callable[[], Mapping[int, Exception]]:
         """Reads the commands, and gives the step."""
-        desired, applied = self._plant.commands_in(context)
-        return lambda: self._step(desired, applied)
+        commands = self._plant.commands_in(context)
+        return lambda: self._step(commands)
 
-    def _step(
-        self, desired: NDArray[np.float64], applied: NDArray[np.float64] | None
-    ) -> Mapping[int, Exception]:
+    def _step(self, commands: Any) -> Mapping[int, Exception]:
         batch, ids = self._batch, self._ids
         qpos = batch.qpos[ids]
-        control = self._drives.control(desired, qpos)
+        control = self._drives.control(commands.desired_state, qpos)
         batch.ctrl[ids[:, np.newaxis], self._drives.order] = control
-        if applied is not None:
-            batch.qfrc_applied[ids] = self._plant.model.applied(qpos, applied)
+        if commands.applied_force is not None:
+            batch.qfrc_applied[ids] = self._plant.model.applied(qpos, commands.applied_force)
+        if commands.pushes is not None:
+            places = self._places("xpos", "xmat", "xipos")
+            batch.xfrc_applied[ids] = self._plant.pushes.wrenches(commands.pushes, *places)
         sensors = batch.bind("sensordata")
         errors: dict[int, Exception] = {}
         try:

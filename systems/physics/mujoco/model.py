@@ -158,9 +158,13 @@ class MujocoModel:
         end = 1 + self.model.nq
         return self.maps.to_plant(state[1:end], state[end : end + self.model.nv])
 
+    def locate(self) -> None:
+        """Has the scratch memory know where bodies are, by its state."""
+        self._mujoco.mj_kinematics(self.model, self.data)
+
     def poses(self) -> list[RigidTransform]:
         """Poses of the plant's bodies in the world, by their indices."""
-        self._mujoco.mj_kinematics(self.model, self.data)
+        self.locate()
         places, turns = self.data.xpos, self.data.xmat
         return [
             RigidTransform(RotationMatrix(turns[i].reshape(3, 3)), places[i]) for i in self.bodies

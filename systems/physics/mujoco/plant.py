@@ -1,7 +1,7 @@
 """Rigid bodies stepped by MuJoCo as a discrete system of a diagram."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,17 @@ from parapod.systems.core.ports import has_value, read_batch
 from parapod.systems.physics.mujoco.batch import MujocoRows
 from parapod.systems.physics.mujoco.drives import Drives
 from parapod.systems.physics.mujoco.model import MujocoModel
+from parapod.systems.physics.mujoco.pushes import Pushes
 
 _PHYSICS, _FORCES = 0, 1  # groups of the discrete state
+
+
+class Commands(NamedTuple):
+    """Numbers (..., n) at the inputs of a `MujocoPlant`; None where nothing is connected."""
+
+    desired_state: NDArray[np.float64]
+    applied_force: NDArray[np.float64] | None
+    pushes: NDArray[np.float64] | None
 
 
 class MujocoPlant(LeafSystem):
@@ -27,6 +36,7 @@ class MujocoPlant(LeafSystem):
     |---|---|---|---|
     | in `desired_state` | 2k | m, rad, and their rates | what the drives are led to |
     | in `applied_force` | v | N m, N | along the plant's velocities; unconnected: 0 |
+    | in `pushes` | 6p | N m, N | moment and force at each place, in the world; unconnected: 0 |
     | out `holding_force` | k | N, N m | with which the drives held in the last step |
     | out `state` | m | m, rad, and their rates | positions and velocities of the plant |
     | out `contact_force` | f | N | normal contact forces on the feet in the last step |
@@ -43,7 +53,7 @@ class MujocoPlant(LeafSystem):
     Parameters (Context): inertias and places of the model's loads, see `MujocoModel.loads_of`.
 
     Bad input: a drive whose command is not finite, or absurd, is led to where it is; an applied
-    force of that kind counts as zero.
+    force or a push of that kind counts as zero.
     """
 
     def __init__(
@@ -51,6 +61,7 @@ class MujocoPlant(LeafSystem):
         model: MujocoModel,
         groups: Sequence[Sequence[ModelInstanceIndex]] = (),
         begins: Context | None = None,
+        pushed: Sequence[tuple[BodyIndex, Sequence[float]]] = (),
     ):
         """Creates the plant.
 
@@ -59,6 +70,8 @@ class MujocoPlant(LeafSystem):
             groups: model instances whose drives make a group of commands; all that have some.
             begins: context of the translated plant that is the beginning in a default context;
                 None for its default.
+            pushed: bodies that are pushed, and places (3) on them, from their origins by their
+                axes [m].
         """
         super().__init__()
         self.set_name("mujoco_plant")
@@ -68,6 +81,8 @@ class MujocoPlant(LeafSystem):
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * count)
         size = model.plant.num_velocities()
         self._applied = self.DeclareVectorInputPort("applied_force", size)
+        self.pushes = Pushes.of(model, pushed)
+        self._pushes = self.DeclareVectorInputPort("pushes", 6 * len(pushed))
         context = model.plant.CreateDefaultContext() if begins is None else begins
         loads, physics, forces = self._beginning(context)
         self._loads = self.DeclareNumericParameter(BasicVector(loads))
@@ -140,24 +155,27 @@ class MujocoPlant(LeafSystem):
         self.model.set_loads(self.loads_in(context))
         self.model.write_state(context.get_discrete_state(_PHYSICS).value())
 
-    def commands_in(
-        self, context: Context | RowsContext
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        """Numbers (..., n) at the inputs: `desired_state`; `applied_force` if it is connected."""
-        is_applied = has_value(self._applied, context)
-        return (
-            read_batch(self._desired, context),
-            read_batch(self._applied, context) if is_applied else None,
+    def commands_in(self, context: Context | RowsContext) -> Commands:
+        """Numbers at the inputs."""
+        applied, pushes = (
+            read_batch(port, context) if port.size() and has_value(port, context) else None
+            for port in (self._applied, self._pushes)
         )
+        return Commands(read_batch(self._desired, context), applied, pushes)
 
     def _update_state(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._restore(context)
         data = self.model.data
-        desired, applied = self.commands_in(context)
+        commands = self.commands_in(context)
         data.qfrc_applied[:] = 0.0
-        if applied is not None:
-            data.qfrc_applied[:] = self.model.applied(data.qpos, applied)
-        forces = self._step(self.drives.control(desired, data.qpos))
+        data.xfrc_applied[:] = 0.0
+        if commands.applied_force is not None:
+            data.qfrc_applied[:] = self.model.applied(data.qpos, commands.applied_force)
+        if commands.pushes is not None:
+            self.model.locate()
+            wrenches = self.pushes.wrenches(commands.pushes, data.xpos, data.xmat, data.xipos)
+            data.xfrc_applied[:] = wrenches
+        forces = self._step(self.drives.control(commands.desired_state, data.qpos))
         discrete_state.set_value(_PHYSICS, self.model.read_state())
         discrete_state.set_value(_FORCES, forces)
 

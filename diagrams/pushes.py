@@ -1,0 +1,252 @@
+"""Bodies of simulated machines pushed by a scenario, by tools, and by the mouse in Meshcat."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.common.value import Value
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, SceneGraph
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
+
+from parapod.diagrams.disturbances import Disturbance, Push, add_pushes
+from parapod.diagrams.wiring import add, connect
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.mechanism.parts import named
+from parapod.systems.physics.description import bodies_of, unique_names
+from parapod.systems.physics.mujoco.plant import MujocoPlant
+from parapod.systems.physics.push_forces import PushForces
+
+# Stiffness of the mouse's spring by the mass of the body that it pulls [1/s^2].
+_MOUSE = 100.0
+# Length of the largest arrow by the size of the machine.
+_LONG = 0.4
+# Arrows by their length: radius, length of the head and its radius; and their colour.
+_SLIM, _HEAD, _WIDE = 0.02, 0.2, 0.06
+_COLOUR = Rgba(0.85, 0.25, 0.15, 1.0)
+_RATE = 30.0  # [Hz]
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """Pushes on bodies of a plant.
+
+    Attributes:
+        bodies: bodies (k) that are pushed.
+        places: places (k, 3) from their origins, by their axes [m].
+        pushes: moment and force of each (6k), by the world's axes [N m, N].
+        largest: largest force of all [N].
+    """
+
+    bodies: tuple[RigidBody, ...]
+    places: tuple[tuple[float, float, float], ...]
+    pushes: OutputPort
+    largest: float
+
+
+def pushes_in(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    disturbances: Sequence[Disturbance],
+    usual: RigidBody | None = None,
+) -> Pushed | None:
+    """Adds courses of the pushes of a scenario; None if it has none.
+
+    Args:
+        builder: builder of the station.
+        plant: finalized.
+        disturbances: disturbances of the scenario, of which the pushes are taken.
+        usual: body of pushes that name none; None: these are left out.
+
+    Raises:
+        ScenarioError: a body that does not exist.
+    """
+    every = bodies_of(plant)
+    by_name = dict(zip(unique_names(every, "body", set()), every, strict=True))
+    pushes, bodies = [], []
+    for i, each in enumerate(disturbances):
+        if not isinstance(each, Push):
+            continue
+        if each.body:
+            bodies.append(named(each.body, by_name, "body", f"disturbances.{i}.body"))
+        elif usual is not None:
+            bodies.append(usual)
+        else:
+            continue
+        pushes.append(each)
+    if not pushes:
+        return None
+    largest = max(float(np.linalg.norm(push.force_N)) for push in pushes)
+    places = tuple(push.place for push in pushes)
+    return Pushed(tuple(bodies), places, add_pushes(builder, pushes, "body_pushes"), largest)
+
+
+def push_bodies(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    pushed: Pushed | None,
+    meshcat: Meshcat | None,
+    others: Sequence[OutputPort] = (),
+) -> None:
+    """Has a plant of Drake's take pushes, other forces, and the mouse in Meshcat.
+
+    Args:
+        builder: builder of the diagram that holds the plant.
+        plant: finalized; nothing is connected to its `applied_spatial_force`.
+        scene_graph: scene graph in which it is registered.
+        pushed: pushes of the scenario.
+        meshcat: scene in which pushes are arrows, and the mouse drags bodies with Ctrl held; None
+            for neither.
+        others: other forces, as the plant takes them.
+    """
+    applied = plant.get_applied_spatial_force_input_port()
+    forces = list(others)
+    if pushed is not None:
+        indices = [body.index() for body in pushed.bodies]
+        system = add(builder, PushForces(indices, pushed.places))
+        connect(builder, pushed.pushes, system.get_input_port())
+        forces.append(system.get_output_port())
+    draw_pushes(builder, plant, pushed, plant.get_body_poses_output_port(), meshcat)
+    if meshcat is not None:
+        nothing = VisualizationConfig(
+            publish_illustration=False,
+            publish_proximity=False,
+            publish_inertia=False,
+            publish_contacts=False,
+            enable_alpha_sliders=False,
+            mouse_interaction_stiffness=_MOUSE,
+        )
+        ApplyVisualizationConfig(nothing, builder, None, plant, scene_graph, meshcat)
+        mouse = builder.GetSubsystemByName("meshcat_mouse_spring").get_output_port()
+        builder.Disconnect(mouse, applied)
+        forces.append(mouse)
+    if len(forces) > 1:
+        joined = add(builder, ExternallyAppliedSpatialForceMultiplexer(len(forces)), "forces")
+        for i, force in enumerate(forces):
+            connect(builder, force, joined.get_input_port(i))
+        forces = [joined.get_output_port()]
+    for force in forces:
+        connect(builder, force, applied)
+
+
+def places_of(pushed: Pushed | None) -> list[tuple[BodyIndex, tuple[float, float, float]]]:
+    """Bodies that are pushed and the places on them, as a `MujocoPlant` takes them."""
+    if pushed is None:
+        return []
+    indices = (body.index() for body in pushed.bodies)
+    return list(zip(indices, pushed.places, strict=True))
+
+
+def push_mujoco(
+    builder: DiagramBuilder,
+    bodies: MujocoPlant,
+    pushed: Pushed | None,
+    meshcat: Meshcat | None,
+) -> None:
+    """Has a plant of MuJoCo's take pushes.
+
+    Args:
+        builder: builder of the diagram that holds the plant.
+        bodies: the plant, made with `places_of` the pushes.
+        pushed: pushes of the scenario.
+        meshcat: scene in which they are arrows; None for none.
+    """
+    if pushed is not None:
+        connect(builder, pushed.pushes, bodies.GetInputPort("pushes"))
+    poses = bodies.GetOutputPort("body_poses")
+    draw_pushes(builder, bodies.model.plant, pushed, poses, meshcat)
+
+
+def draw_pushes(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    pushed: Pushed | None,
+    body_poses: OutputPort,
+    meshcat: Meshcat | None,
+) -> None:
+    """Draws pushes as arrows in Meshcat.
+
+    Args:
+        builder: builder of the station.
+        plant: the plant.
+        pushed: pushes of the scenario; None: none.
+        body_poses: poses of the plant's bodies in the world.
+        meshcat: scene; None: nothing is drawn.
+    """
+    if pushed is None or meshcat is None or pushed.largest <= 0.0:
+        return
+    context, bodies = plant.CreateDefaultContext(), bodies_of(plant)[1:]
+    origins = [plant.EvalBodyPoseInWorld(context, body).translation() for body in bodies]
+    scale = _LONG * float(np.ptp(origins, axis=0).max()) / pushed.largest
+    indices = [int(body.index()) for body in pushed.bodies]
+    arrows = add(builder, PushArrows(meshcat, indices, pushed.places, scale))
+    connect(builder, pushed.pushes, arrows.GetInputPort("pushes"))
+    connect(builder, body_poses, arrows.GetInputPort("body_poses"))
+
+
+class PushArrows(LeafSystem):
+    """Arrows of forces on bodies in Meshcat, whose points are where the forces act.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | in `pushes` | 6k | N m, N | moment and force of each, by the world's axes |
+    | in `body_poses` | abstract | - | poses of bodies in the world, by their indices |
+
+    State: none. Arrows are published thirty times a second.
+
+    Bad input: an arrow whose force is not finite is not drawn.
+    """
+
+    def __init__(
+        self, meshcat: Meshcat, bodies: Sequence[int], places: ArrayLike, scale: float = 1e-3
+    ):
+        """Draws the arrows, to be seen when there is a force.
+
+        Args:
+            meshcat: the scene.
+            bodies: indices (k) of the bodies that are pushed.
+            places: places (k, 3) of the pushes, from the bodies' origins by their axes [m].
+            scale: length of an arrow by its force [m/N].
+        """
+        super().__init__()
+        self.set_name("push_arrows")
+        self._meshcat, self._bodies, self._scale = meshcat, list(bodies), scale
+        self._places = np.asarray(places, dtype=float).reshape(len(self._bodies), 3)
+        self._pushes = self.DeclareVectorInputPort("pushes", 6 * len(self._bodies))
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
+        for path in self._paths():
+            # Of length 1, its point in the origin; the cone's own one is its point as well.
+            behind = RigidTransform(np.array((0.0, 0.0, -0.5 * (1.0 + _HEAD))))
+            backwards = RigidTransform(RotationMatrix.MakeXRotation(np.pi), np.zeros(3))
+            meshcat.SetObject(f"{path}/arrow/shaft", Cylinder(_SLIM, 1.0 - _HEAD), _COLOUR)
+            meshcat.SetTransform(f"{path}/arrow/shaft", behind)
+            meshcat.SetObject(f"{path}/arrow/head", MeshcatCone(_HEAD, _WIDE, _WIDE), _COLOUR)
+            meshcat.SetTransform(f"{path}/arrow/head", backwards)
+            meshcat.SetProperty(path, "visible", value=False)
+        self.DeclarePeriodicPublishEvent(1.0 / _RATE, 0.0, self._publish)
+
+    def _paths(self) -> list[str]:
+        return [f"/pushes/{i}" for i in range(len(self._bodies))]
+
+    def _publish(self, context: Context) -> None:
+        pushes: Any = self._pushes.Eval(context)
+        poses: Any = self._poses.Eval(context)
+        time = context.get_time()
+        for i, path in enumerate(self._paths()):
+            force = pushes[6 * i + 3 : 6 * i + 6]
+            length = self._scale * float(np.linalg.norm(force))
+            is_on = np.isfinite(length) and length > 1e-3 * _HEAD
+            self._meshcat.SetProperty(path, "visible", bool(is_on), time_in_recording=time)
+            if is_on:
+                R_WA = RotationMatrix.MakeFromOneVector(np.array(force), 2)
+                X_WA = RigidTransform(R_WA, poses[self._bodies[i]] @ self._places[i])
+                self._meshcat.SetTransform(path, X_WA, time_in_recording=time)
+                self._meshcat.SetProperty(
+                    f"{path}/arrow", "scale", [length] * 3, time_in_recording=time
+                )

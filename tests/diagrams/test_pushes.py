@@ -1,0 +1,193 @@
+"""Pushes on any body of a simulated machine: both engines, statics, rows, and the mouse."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.machine import find_machine
+from parapod.diagrams.side_by_side import LoopRows
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.machining_centre.platform_mode import leg_lengths
+from tests.sims.lab.test_poser import dragged
+
+MACHINES = ("levelling_platform", "walking_chair", "machining_centre", "terrain_simulator")
+# Machines that stand, from the beginning on.
+STANDING = {
+    "levelling_platform": (
+        "plant={leg_model: reduced, time_step: 0.005}",
+        "ground={roll_deg: 0, pitch_deg: 0}",
+    ),
+    "walking_chair": ("begin=60",),
+    "machining_centre": ("begin=60",),
+    "terrain_simulator": ("begin=60",),
+}
+
+
+def loop_of(name, disturbances, *settings, **options):
+    machine = find_machine(name)
+    overrides = (*STANDING[name], f"disturbances={disturbances}", *settings)
+    return ClosedLoop(machine, load_scenario(machine.scenario, overrides=overrides), **options)
+
+
+def shown(loop, times):
+    """Recordings of the loop at times, by signal (n, size)."""
+    simulator, values = loop.simulator(), []
+    for time in times:
+        simulator.AdvanceTo(time)
+        context = loop.station.GetMyContextFromRoot(simulator.get_context())
+        names = [port.name for port in loop.machine.truth]
+        values.append(
+            {name: loop.station.GetOutputPort(name).Eval(context).copy() for name in names}
+        )
+    return {name: np.array([each[name] for each in values]) for name in values[0]}
+
+
+@pytest.mark.parametrize("backend", ["multibody", "mujoco"])
+def test_feet_of_a_chair_bear_what_pushes_its_body_and_a_leg(backend):
+    if backend == "mujoco":
+        pytest.importorskip("mujoco")
+    on_body = "!Push {at: 0.4, duration: 1.6, force_N: [0, 0, -200], place_mm: [100, 50, 200]}"
+    on_leg = "!Push {at: 0.4, duration: 1.6, body: leg_1_ups_2_rod, force_N: [0, 0, -40]}"
+    loop = loop_of("walking_chair", f"[{on_body}, {on_leg}]", f"backend={backend}")
+    force = shown(loop, (0.4, 1.2, 2.2))["truth.contact_force"].reshape(3, -1).sum(axis=1)
+    assert force[1] - force[0] == pytest.approx(240.0, rel=2e-3)
+    assert force[2] == pytest.approx(force[0], rel=1e-3)
+
+
+def test_a_place_beside_the_centre_turns_a_chair_as_a_moment_does():
+    at_place, by_moment = (
+        shown(loop_of("walking_chair", f"[!Push {{at: 0.3, duration: 1.4, {push}}}]"), (1.0,))
+        for push in (
+            "force_N: [0, 0, -100], place_mm: [200, 0, 0]",
+            "force_N: [0, 0, -100], moment_Nm: [0, 20, 0]",
+        )
+    )
+    signal = "truth.contact_force"
+    np.testing.assert_allclose(at_place[signal], by_moment[signal], rtol=1e-3, atol=0.05)
+
+
+def test_a_body_of_a_platform_is_pushed_as_the_platform_is():
+    push = "at: 0.3, duration: 0.6, force_N: [30, 0, -60], place_mm: [50, 20, 0]"
+    ways = [
+        shown(loop_of("levelling_platform", f"[!Push {{{push}{body}}}]"), (0.4, 0.6, 1.0))
+        for body in ("", ", body: base")
+    ]
+    for signal in ("truth.posture", "truth.extension", "truth.foot_height"):
+        np.testing.assert_allclose(ways[0][signal], ways[1][signal], atol=2e-5)
+    force = [way["truth.contact_force"].sum(axis=1) for way in ways]
+    # One of them is held for a step of the plant.
+    np.testing.assert_allclose(*force, atol=3.0)
+
+
+def test_both_engines_push_a_link_of_a_leg_alike():
+    pytest.importorskip("mujoco")
+    push = "[!Push {at: 0.3, duration: 1.0, body: leg_2_roller, force_N: [0, 0, -50]}]"
+    ways = [
+        shown(loop_of("levelling_platform", push, f"backend={backend}"), (0.3, 0.8))
+        for backend in ("multibody", "mujoco")
+    ]
+    rises = [np.diff(way["truth.contact_force"].sum(axis=1)) for way in ways]
+    np.testing.assert_allclose(rises, 50.0, atol=0.2)
+
+
+def test_legs_of_a_centre_take_the_work_of_a_push():
+    push = "[!Push {at: 0.1, duration: 0.8, force_N: [0, 150, 0]}]"
+    loop = loop_of("machining_centre", push, "process.thrust_N=0")
+    at_rest, pushed = (shown(loop_of("machining_centre", p), (0.5,)) for p in ("[]", push))
+    change = pushed["truth.leg_force"][0] - at_rest["truth.leg_force"][0]
+    geometry = loop.scenario.machine.geometry
+    pose, feet = loop.scenario.plan.beginning
+    step = np.zeros_like(pose)
+    step[1] = 1e-6
+    ways = [np.ravel(leg_lengths(geometry, pose + s * step, feet)) for s in (0.5, -0.5)]
+    work = change @ (ways[0] - ways[1]) / 1e-6
+    assert abs(work) == pytest.approx(150.0, rel=0.02)
+
+
+def test_sliders_of_a_bench_take_the_work_of_a_push():
+    """Along the rail the plate moves as all sliders do."""
+    push = "[!Push {at: 0.1, duration: 0.8, force_N: [80, 0, 0]}]"
+    at_rest, pushed = (shown(loop_of("terrain_simulator", p), (0.5,)) for p in ("[]", push))
+    change = pushed["truth.slider_force"][0] - at_rest["truth.slider_force"][0]
+    assert abs(change.sum()) == pytest.approx(80.0, rel=0.03)
+
+
+def test_rows_of_mujoco_are_pushed_as_its_runs():
+    pytest.importorskip("mujoco")
+    push = (
+        "[!Push {at: 0.05, duration: 0.1, body: leg_3_foot, force_N: [5, -3, 20]}, !Push {at: 0}]"
+    )
+    loop = loop_of("walking_chair", push, "backend=mujoco")
+    rows = LoopRows(loop, [loop.scenario] * 2)
+    rows.advance_to(0.2)
+    assert not rows.errors
+    simulator = loop.simulator()
+    simulator.AdvanceTo(0.2)
+    expected = loop.recording(simulator.get_context())
+    for row in range(2):
+        for name, samples in rows.recording(row).items():
+            np.testing.assert_array_equal(samples, expected[name], err_msg=name)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_mouse_pushes_bodies_and_the_loop_answers(name):
+    meshcat = Meshcat()
+    loop = loop_of(name, "[]", meshcat=meshcat)
+    plant = loop.station.GetSubsystemByName("plant")
+    body = {"levelling_platform": "base", "walking_chair": "body", "terrain_simulator": "plate"}
+    pulled = plant.GetBodyByName(body.get(name, "platform"))
+    model = plant.GetModelInstanceName(pulled.model_instance())
+    simulator = loop.simulator()
+    simulator.AdvanceTo(0.05)
+    context = plant.GetMyContextFromRoot(simulator.get_context())
+    place = plant.EvalBodyPoseInWorld(context, pulled).translation()
+    drag = partial(dragged, f"/any/{model}/{pulled.name()}", place)
+    meshcat._InjectWebsocketMessage(drag(place + np.array((0.05, 0.0, 0.0))))
+    port = plant.get_applied_spatial_force_input_port()
+    simulator.AdvanceTo(0.1)
+    pull = sum(f.F_Bq_W.translational() for f in port.Eval(context))
+    assert pull[0] > 1.0
+    meshcat._InjectWebsocketMessage(dragged("", (), ()))
+    simulator.AdvanceTo(0.11)
+    np.testing.assert_array_equal(sum(f.F_Bq_W.translational() for f in port.Eval(context)), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        (
+            "walking_chair",
+            ("disturbances=[!Push {body: leg_1_fot}]",),
+            r"disturbances\.0\.body: the model has no body 'leg_1_fot' "
+            r"\(did you mean leg_1_foot\?\)",
+        ),
+        (
+            "walking_chair",
+            ("backend=kinematic", "disturbances=[!Push {}]"),
+            "disturbances must be empty with the backend 'kinematic': they act with multibody "
+            "or mujoco",
+        ),
+        (
+            "machining_centre",
+            ("disturbances=[!Push {}, !Subsidence {}]",),
+            r"disturbances\.1: !Subsidence does not act on this machine; admissible: !Push",
+        ),
+        (
+            "levelling_platform",
+            ("backend=kinematic", "disturbances=[!Push {body: base}]"),
+            r"disturbances\.0\.body must be empty with the backend 'kinematic'",
+        ),
+        (
+            "terrain_simulator",
+            ("disturbances=[!Push {force_N: [1, 2]}]",),
+            r"disturbances\.0\.force_N must be a list of 3 numbers",
+        ),
+    ],
+)
+def test_pushes_that_do_not_fit_are_refused(name, settings, message):
+    with pytest.raises(ScenarioError, match=message):
+        loop_of(name, *[s.removeprefix("disturbances=") for s in settings[-1:]], *settings[:-1])
