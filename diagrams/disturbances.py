@@ -1,18 +1,24 @@
-"""Disturbances of simulated machines: their courses over time, and pushes on any body."""
+"""Disturbances of simulated machines: their courses over time, and forces on any body."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Variant, quantity
+from parapod.systems.physics.wind import AIR_DENSITY, gusts
 
 # Time at which trajectories end, after every run [s].
 _END = 1e7
+# Time between two values of the wind [s].
+_GUST = 0.05
 
 
 @dataclass
@@ -48,21 +54,17 @@ def _smooth(
 
 
 @dataclass
-class Push(Disturbance):
-    """Push against a body, which rises and falls as a cubic does.
+class _BodyForce(Disturbance):
+    """Force on a body, at a place that moves with it.
 
     Attributes:
         body: name of the body, of the backends "multibody" and "mujoco"; of several with one name
-            that of the model as well, as in "leg_1_thigh". Empty: the machine's platform or body.
-        force_N: largest force, by the world's axes [N].
-        moment_Nm: largest moment besides, by the world's axes [N m].
+            that of the model as well, as in "leg_1_foot". Empty: the machine's platform or body.
         place_mm: place at which the force acts, from the body's origin by the body's axes [mm];
             that of a levelling platform is its centre F.
     """
 
     body: str = ""
-    force_N: list[float] = quantity([100.0, 0.0, 0.0], -1e6, 1e6, length=3)  # noqa: N815
-    moment_Nm: list[float] = quantity([0.0] * 3, -1e6, 1e6, length=3)  # noqa: N815
     place_mm: list[float] = quantity([0.0] * 3, -1e5, 1e5, length=3)
 
     @property
@@ -71,10 +73,149 @@ class Push(Disturbance):
         x, y, z = self.place_mm
         return x / 1e3, y / 1e3, z / 1e3
 
+    def course(self) -> PiecewisePolynomial:
+        """Moment and force (6) over time, by the world's axes [N m, N]."""
+        raise NotImplementedError
+
+    @property
+    def largest(self) -> float:
+        """Largest force, or about so much [N]."""
+        raise NotImplementedError
+
+
+@dataclass
+class Push(_BodyForce):
+    """Push against a body, which rises and falls as a cubic does.
+
+    Attributes:
+        force_N: largest force, by the world's axes [N].
+        moment_Nm: largest moment besides, by the world's axes [N m].
+    """
+
+    force_N: list[float] = quantity([100.0, 0.0, 0.0], -1e6, 1e6, length=3)  # noqa: N815
+    moment_Nm: list[float] = quantity([0.0] * 3, -1e6, 1e6, length=3)  # noqa: N815
+
+    def course(self) -> PiecewisePolynomial:
+        """Moment and force (6) over time, by the world's axes [N m, N]."""
+        return self.pulse([*self.moment_Nm, *self.force_N])
+
+    @property
+    def largest(self) -> float:
+        """Largest force [N]."""
+        return math.hypot(*self.force_N)
+
+
+@dataclass
+class Weight(_BodyForce):
+    """Mass that is put on a body, and taken off again: its weight, and not its inertia.
+
+    Attributes:
+        duration: time in which the body takes it over, and in which it is taken off [s].
+        mass_kg: mass [kg]; below zero one that the body loses.
+        until: time at which it is taken off [s]; null: it stays.
+    """
+
+    duration: float = quantity(1.0, 1e-3, 1e4)
+    mass_kg: float = quantity(5.0, -1e5, 1e5)
+    until: float | None = quantity(None, 0.0, 1e6)
+
+    def course(self) -> PiecewisePolynomial:
+        """Moment and force (6) over time, by the world's axes [N m, N]."""
+        weight = [0.0] * 5 + [-GRAVITY * self.mass_kg]
+        if self.until is None:
+            return self.step(weight)
+        times = [0.0, self.at, self.at + self.duration, self.until, self.until + self.duration]
+        return _smooth([*times, _END], [0.0, 0.0, 1.0, 1.0, 0.0, 0.0], weight)
+
+    @property
+    def largest(self) -> float:
+        """Largest force [N]."""
+        return GRAVITY * abs(self.mass_kg)
+
+
+@dataclass
+class Cable(_BodyForce):
+    """Cable that pulls a body, and breaks.
+
+    Attributes:
+        at: time at which it breaks [s].
+        duration: time in which it goes slack then [s].
+        pull_N: pull, by the world's axes, of which a cubic rises in the first second [N].
+    """
+
+    duration: float = quantity(0.01, 1e-3, 1e4)
+    pull_N: list[float] = quantity([100.0, 0.0, 0.0], -1e6, 1e6, length=3)  # noqa: N815
+
+    def course(self) -> PiecewisePolynomial:
+        """Moment and force (6) over time, by the world's axes [N m, N]."""
+        tight = min(1.0, 0.5 * self.at)
+        times = [0.0, tight, self.at, self.at + self.duration, _END]
+        return _smooth(times, [0.0, 1.0, 1.0, 0.0, 0.0], [0.0] * 3 + self.pull_N)
+
+    @property
+    def largest(self) -> float:
+        """Largest force [N]."""
+        return math.hypot(*self.pull_N)
+
+
+@dataclass
+class Wind(_BodyForce):
+    """Wind on a body, with gusts of Kaimal's spectrum; see `gusts`.
+
+    The force is that of the air at a surface, along the wind; speeds of the body are small
+    against it.
+
+    Attributes:
+        at: beginning of the wind, which takes a second to rise [s].
+        duration: time for which it blows [s].
+        speed_m_s: mean speed [m/s].
+        turbulence: standard deviation of the speed by the mean [-].
+        length_m: length of the gusts [m].
+        direction_deg: direction in which it blows, from the world's x axis towards y [deg].
+        area_m2: surface, as seen along the wind, times its drag coefficient [m^2].
+        seed: seed of the gusts.
+    """
+
+    at: float = quantity(1.0, 0.0, 1e6)
+    duration: float = quantity(60.0, 2.0, 3600.0)
+    speed_m_s: float = quantity(10.0, 0.1, 100.0)
+    turbulence: float = quantity(0.18, 0.0, 1.0)
+    length_m: float = quantity(8.5, 0.1, 1e3)
+    direction_deg: float = quantity(0.0, -360.0, 360.0)
+    area_m2: float = quantity(0.1, 0.0, 100.0)
+    seed: int = quantity(0, 0, 2**31 - 1)
+
+    def course(self) -> PiecewisePolynomial:
+        """Moment and force (6) over time, by the world's axes [N m, N]."""
+        count = round(self.duration / _GUST) + 1
+        deviation = self.turbulence * self.speed_m_s
+        speed = self.speed_m_s + gusts(
+            count, _GUST, self.speed_m_s, deviation, self.length_m, self.seed
+        )
+        times = np.linspace(0.0, self.duration, count)
+        share = np.clip(np.minimum(times, self.duration - times), 0.0, 1.0)
+        force = 0.5 * AIR_DENSITY * self.area_m2 * share * speed * np.abs(speed)
+        angle = math.radians(self.direction_deg)
+        along = (0.0, 0.0, 0.0, math.cos(angle), math.sin(angle), 0.0)
+        knots = dict(zip((self.at + times).tolist(), force, strict=True))
+        knots = {0.0: 0.0} | knots | {_END: 0.0}
+        values = [[part * value for value in knots.values()] for part in along]
+        return PiecewisePolynomial.FirstOrderHold(list(knots), values)
+
+    @property
+    def largest(self) -> float:
+        """Largest force, but for one gust of a thousand [N]."""
+        gust = self.speed_m_s * (1.0 + 3.0 * self.turbulence)
+        return 0.5 * AIR_DENSITY * self.area_m2 * gust**2
+
+
+# Forces on bodies.
+type BodyForce = Push | Weight | Cable | Wind
+FORCES = (Push, Weight, Cable, Wind)
 
 # Kinds of disturbances that act on a machine, by the backends whose plants give way to them.
 type Acting = Mapping[str, tuple[type[Disturbance], ...]]
-ON_BODIES: Acting = {"multibody": (Push,), "mujoco": (Push,)}
+ON_BODIES: Acting = {"multibody": FORCES, "mujoco": FORCES}
 
 
 def check_disturbances(disturbances: Sequence[Disturbance], backend: str, acting: Acting) -> None:
@@ -104,19 +245,23 @@ def check_disturbances(disturbances: Sequence[Disturbance], backend: str, acting
             raise ScenarioError(
                 f"{key}: !{each.tag()} does not act on this machine; admissible: {tags}", key
             )
+        if isinstance(each, Weight) and each.until is not None:
+            least = each.at + each.duration
+            if each.until < least:
+                key = f"{key}.{i}.until"
+                raise ScenarioError(f"{key} = {each.until:g} s must be {least:g} s or later", key)
 
 
-def add_pushes(builder: DiagramBuilder, pushes: Sequence[Push], name: str) -> OutputPort:
-    """Adds courses of pushes: moment and force of each (6k), by the world's axes [N m, N].
+def add_courses(builder: DiagramBuilder, forces: Sequence[BodyForce], name: str) -> OutputPort:
+    """Adds courses of forces on bodies: moment and force of each (6k), by the world's axes.
 
     Args:
         builder: builder of the station.
-        pushes: the pushes, one or more.
-        name: name of the system that gives them.
+        forces: the forces, one or more.
+        name: name of the system that gives them [N m, N].
     """
-    joint = add(builder, Multiplexer([6] * len(pushes)), name)
-    for i, push in enumerate(pushes):
-        way = push.pulse([*push.moment_Nm, *push.force_N])
-        source = add(builder, TrajectorySource(way), f"{name}_{i + 1}")
+    joint = add(builder, Multiplexer([6] * len(forces)), name)
+    for i, force in enumerate(forces):
+        source = add(builder, TrajectorySource(force.course()), f"{name}_{i + 1}")
         connect(builder, source.get_output_port(), joint.get_input_port(i))
     return joint.get_output_port()

@@ -14,7 +14,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
-from parapod.diagrams.disturbances import Disturbance, Push, add_pushes
+from parapod.diagrams.disturbances import FORCES, BodyForce, Disturbance, add_courses
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.mechanism.parts import named
@@ -68,9 +68,10 @@ def pushes_in(
     """
     every = bodies_of(plant)
     by_name = dict(zip(unique_names(every, "body", set()), every, strict=True))
-    pushes, bodies = [], []
+    pushes: list[BodyForce] = []
+    bodies = []
     for i, each in enumerate(disturbances):
-        if not isinstance(each, Push):
+        if not isinstance(each, FORCES):
             continue
         if each.body:
             bodies.append(named(each.body, by_name, "body", f"disturbances.{i}.body"))
@@ -81,9 +82,9 @@ def pushes_in(
         pushes.append(each)
     if not pushes:
         return None
-    largest = max(float(np.linalg.norm(push.force_N)) for push in pushes)
+    largest = max(push.largest for push in pushes)
     places = tuple(push.place for push in pushes)
-    return Pushed(tuple(bodies), places, add_pushes(builder, pushes, "body_pushes"), largest)
+    return Pushed(tuple(bodies), places, add_courses(builder, pushes, "body_forces"), largest)
 
 
 def push_bodies(

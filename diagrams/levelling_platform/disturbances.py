@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.disturbances import Disturbance, Push, add_pushes
+from parapod.diagrams.disturbances import FORCES, Disturbance, add_courses
 from parapod.diagrams.wiring import add, sum_of
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import quantity
@@ -46,7 +46,7 @@ class Payload(Disturbance):
 
 
 # Every simulated backend gives way to all of them.
-ACTING = dict.fromkeys(("multibody", "kinematic", "mujoco"), (Push, Subsidence, Payload))
+ACTING = dict.fromkeys(("multibody", "kinematic", "mujoco"), (*FORCES, Subsidence, Payload))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def check_platform_disturbances(
         key = f"disturbances.{payloads[1]}"
         raise ScenarioError(f"{key}: the tip takes one payload, not {len(payloads)}", key)
     for i, each in enumerate(disturbances):
-        if backend == "kinematic" and isinstance(each, Push) and each.body:
+        if backend == "kinematic" and isinstance(each, FORCES) and each.body:
             key = f"disturbances.{i}.body"
             raise ScenarioError(f"{key} must be empty with the backend 'kinematic'", key)
 
@@ -101,7 +101,7 @@ def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance
         builder: builder of the station.
         disturbances: disturbances of the scenario.
     """
-    pushes = [each for each in disturbances if isinstance(each, Push) and not each.body]
+    pushes = [each for each in disturbances if isinstance(each, FORCES) and not each.body]
     sinking = [each for each in disturbances if isinstance(each, Subsidence)]
     payloads = [each for each in disturbances if isinstance(each, Payload)]
     sources = []
@@ -116,7 +116,7 @@ def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance
         payload = add(builder, TrajectorySource(hung.course), "payload").get_output_port()
     return Disturbances(
         places=tuple(push.place for push in pushes),
-        pushes=add_pushes(builder, pushes, "pushes") if pushes else None,
+        pushes=add_courses(builder, pushes, "pushes") if pushes else None,
         rising=rising,
         mass=payload_in(disturbances),
         payload=payload,

@@ -236,7 +236,7 @@ class CentreScenario(Schema):
         process: see `ProcessScenario`.
         plant: see `CentrePlantScenario`.
         control: see `CentreControlScenario`.
-        disturbances: pushes on bodies, of simulated ones; see `Push`.
+        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a tripod.
     """
 

@@ -315,7 +315,7 @@ class TerrainBenchScenario(Schema):
         hip: see `HipScenario`.
         plant: see `BenchPlantScenario`.
         control: see `BenchControlScenario`.
-        disturbances: pushes on bodies, of simulated ones; see `Push`.
+        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a pedal.
     """
 

@@ -179,7 +179,7 @@ class ChairScenario(Schema):
         gait: see `GaitScenario`.
         plant: see `ChairPlantScenario`.
         control: see `ChairControlScenario`.
-        disturbances: pushes on bodies, of simulated ones; see `Push`.
+        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from parapod.diagrams.levelling_platform.disturbances import Disturbance, Payload, Push
+from parapod.diagrams.disturbances import Disturbance, Push
+from parapod.diagrams.levelling_platform.disturbances import Payload
 
 _PATH = "/tip"
 # Radius of a point by the machine's size, and width of the way [m, pixels].
@@ -95,7 +96,7 @@ class DisturbanceScene:
         self._payload: tuple[str, Payload] | None = None
         for i, each in enumerate(disturbances):
             path = f"{_PATH}/disturbances/{i}"
-            if isinstance(each, Push) and any(each.force_N):
+            if isinstance(each, Push) and any(each.force_N) and not each.body:
                 # Its point is where the force acts; a cone grows from its point along z.
                 shaft, head = Cylinder(0.012 * size, 0.6 * size), MeshcatCone(*_HEAD * size)
                 behind = RigidTransform(np.array([0.0, 0.0, -0.3 * size]))

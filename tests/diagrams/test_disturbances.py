@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from parapod.diagrams.levelling_platform.disturbances import Push, Subsidence
+from parapod.diagrams.disturbances import Push
+from parapod.diagrams.levelling_platform.disturbances import Subsidence
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.station import Station

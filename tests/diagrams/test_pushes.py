@@ -5,13 +5,17 @@ from functools import partial
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
+from scipy.signal import welch
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.disturbances import Wind
 from parapod.diagrams.machine import find_machine
 from parapod.diagrams.side_by_side import LoopRows
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.machining_centre.platform_mode import leg_lengths
+from parapod.systems.physics.wind import AIR_DENSITY, gusts, kaimal_density
 from tests.sims.lab.test_poser import dragged
 
 MACHINES = ("levelling_platform", "walking_chair", "machining_centre", "terrain_simulator")
@@ -56,6 +60,59 @@ def test_feet_of_a_chair_bear_what_pushes_its_body_and_a_leg(backend):
     force = shown(loop, (0.4, 1.2, 2.2))["truth.contact_force"].reshape(3, -1).sum(axis=1)
     assert force[1] - force[0] == pytest.approx(240.0, rel=2e-3)
     assert force[2] == pytest.approx(force[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("backend", ["kinematic", "multibody", "mujoco"])
+def test_a_platform_bears_a_mass_until_it_is_taken_off(backend):
+    if backend == "mujoco":
+        pytest.importorskip("mujoco")
+    mass = "[!Weight {at: 0.2, duration: 0.2, until: 0.8, mass_kg: 5, place_mm: [50, 0, 0]}]"
+    loop = loop_of("levelling_platform", mass, f"backend={backend}")
+    force = shown(loop, (0.2, 0.7, 1.4))["truth.contact_force"].sum(axis=1)
+    np.testing.assert_allclose(np.diff(force), (5.0 * GRAVITY, -5.0 * GRAVITY), rtol=2e-3)
+
+
+def test_a_cable_holds_a_chair_until_it_breaks():
+    cable = "[!Cable {at: 1.6, body: leg_2_foot, pull_N: [0, 0, 30]}]"
+    force = shown(loop_of("walking_chair", cable), (1e-3, 1.5, 1.6, 2.2))["truth.contact_force"]
+    pulled = np.diff(force.sum(axis=1))
+    np.testing.assert_allclose(pulled[1:], (0.0, 30.0), atol=0.3)
+
+
+def test_wind_blows_on_a_chair_for_its_time():
+    wind = Wind(at=0.2, duration=2.0, speed_m_s=20.0, turbulence=0.0, area_m2=1.0)
+    course = wind.course()
+    pressure = 0.5 * AIR_DENSITY * 20.0**2
+    assert wind.largest == pytest.approx(pressure)
+    values = [course.value(time)[3, 0] for time in (0.1, 0.7, 1.2, 2.3, 9e6)]
+    np.testing.assert_allclose(values, np.array((0.0, 0.5, 1.0, 0.0, 0.0)) * pressure, atol=1e-9)
+    # It turns the chair about the feet on the lee side.
+    force = shown(
+        loop_of(
+            "walking_chair",
+            "[!Wind {at: 0.2, duration: 2.0, speed_m_s: 20, turbulence: 0, area_m2: 1}]",
+        ),
+        (0.2, 1.2),
+    )["truth.contact_force"].reshape(2, 4, -1)
+    change = np.diff(force.sum(axis=2), axis=0)[0]
+    right, left = change[[1, 2]].sum(), change[[0, 3]].sum()
+    assert right > 1.0
+    assert left == pytest.approx(-right, abs=0.5)
+
+
+def test_gusts_have_the_spectrum_of_kaimal():
+    count, period, speed, deviation, length = 2**15, 0.05, 10.0, 1.8, 8.5
+    for seed in (0, 1):
+        samples = gusts(count, period, speed, deviation, length, seed)
+        frequency, density = welch(samples, 1.0 / period, nperseg=1024)
+        expected = kaimal_density(frequency[1:], speed, deviation, length)
+        for band in np.array_split(np.arange(4, expected.size - 40), 8):
+            assert density[1:][band].mean() == pytest.approx(expected[band].mean(), rel=0.1)
+    np.testing.assert_array_equal(samples, gusts(count, period, speed, deviation, length, 1))
+    # The integral of the density is the variance.
+    frequency = np.geomspace(1e-6, 1e6, 200_000)
+    variance = np.trapezoid(kaimal_density(frequency, speed, deviation, length), frequency)
+    assert variance == pytest.approx(deviation**2, rel=1e-3)
 
 
 def test_a_place_beside_the_centre_turns_a_chair_as_a_moment_does():
@@ -174,7 +231,12 @@ def test_the_mouse_pushes_bodies_and_the_loop_answers(name):
         (
             "machining_centre",
             ("disturbances=[!Push {}, !Subsidence {}]",),
-            r"disturbances\.1: !Subsidence does not act on this machine; admissible: !Push",
+            r"disturbances\.1: !Subsidence does not act on this machine; admissible: !Push, !Wei",
+        ),
+        (
+            "walking_chair",
+            ("disturbances=[!Weight {at: 3, until: 3.5}]",),
+            r"disturbances\.0\.until = 3\.5 s must be 4 s or later",
         ),
         (
             "levelling_platform",
