@@ -25,9 +25,9 @@ from parapod.systems.physics.push_forces import PushForces
 # Stiffness of the mouse's spring by the mass of the body that it pulls [1/s^2].
 _MOUSE = 100.0
 # Length of the largest arrow by the size of the machine.
-_LONG = 0.4
+_LONG = 0.7
 # Arrows by their length: radius, length of the head and its radius; and their colour.
-_SLIM, _HEAD, _WIDE = 0.02, 0.2, 0.06
+_SLIM, _HEAD, _WIDE = 0.02, 0.18, 0.05
 _COLOUR = Rgba(0.85, 0.25, 0.15, 1.0)
 _RATE = 30.0  # [Hz]
 
@@ -64,9 +64,9 @@ def pushes_in(
         usual: body of pushes that name none; None: these are left out.
 
     Raises:
-        ScenarioError: a body that does not exist.
+        ScenarioError: a body that does not exist, or cannot move.
     """
-    every = bodies_of(plant)
+    every = [body for body in bodies_of(plant) if not plant.IsAnchored(body)]
     by_name = dict(zip(unique_names(every, "body", set()), every, strict=True))
     pushes: list[BodyForce] = []
     bodies = []

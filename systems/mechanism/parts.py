@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, FrameIndex, Joint, JointIndex
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.core.quoting import did_you_mean, quoted
+from parapod.systems.core.quoting import did_you_mean, printable, quoted
 from parapod.systems.physics.description import joints_of, unique_names
 from parapod.systems.physics.loops import Loop
 
@@ -70,8 +70,9 @@ def named[P](name: str, parts: Mapping[str, P], kind: str, source: str) -> P:
     """
     if name in parts:
         return parts[name]
-    near = did_you_mean(name, [each for each in parts if not each.endswith("_parent")])
-    raise ScenarioError(f"{source}: the model has no {kind} {quoted(name)}{near}")
+    names = [each for each in parts if not each.endswith("_parent")]
+    near = did_you_mean(name, names) or f"; there are: {', '.join(names)}"
+    raise ScenarioError(printable(f"{source}: the model has no {kind} {quoted(name)}{near}"))
 
 
 def frames_by_name(plant: MultibodyPlant) -> dict[str, Frame]:
