@@ -12,7 +12,6 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
-from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from parapod.diagrams.disturbances import FORCES, BodyForce, Disturbance, add_courses
 from parapod.diagrams.wiring import add, connect
@@ -115,6 +114,9 @@ def push_bodies(
         forces.append(system.get_output_port())
     draw_pushes(builder, plant, pushed, plant.get_body_poses_output_port(), meshcat)
     if meshcat is not None:
+        # It loads matplotlib, which takes as long as all the rest.
+        from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
+
         nothing = VisualizationConfig(
             publish_illustration=False,
             publish_proximity=False,
