@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import Value
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, SceneGraph
+from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
@@ -29,6 +30,8 @@ _LONG = 0.7
 _SLIM, _HEAD, _WIDE = 0.02, 0.18, 0.05
 _COLOUR = Rgba(0.85, 0.25, 0.15, 1.0)
 _RATE = 30.0  # [Hz]
+# Bus without sockets, for what Drake's drawings would tell other programs.
+NO_LCM = DrakeLcm("memq://")
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ def push_bodies(
             enable_alpha_sliders=False,
             mouse_interaction_stiffness=_MOUSE,
         )
-        ApplyVisualizationConfig(nothing, builder, None, plant, scene_graph, meshcat)
+        ApplyVisualizationConfig(nothing, builder, None, plant, scene_graph, meshcat, NO_LCM)
         mouse = builder.GetSubsystemByName("meshcat_mouse_spring").get_output_port()
         builder.Disconnect(mouse, applied)
         forces.append(mouse)

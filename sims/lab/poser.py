@@ -24,6 +24,7 @@ from pydrake.visualization import (
     VisualizationConfig,
 )
 
+from parapod.diagrams.pushes import NO_LCM
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.mechanism.equations import pose_vector
@@ -105,7 +106,7 @@ class Poser:
                 delete_on_initialization_event=False,
                 mouse_interaction_stiffness=_STIFFNESS,
             )
-            ApplyVisualizationConfig(settings, builder, meshcat=meshcat)
+            ApplyVisualizationConfig(settings, builder, meshcat=meshcat, lcm=NO_LCM)
             self._diagram = builder.Build()
             self._root = self._diagram.CreateDefaultContext()
             self._mouse = self._diagram.GetSubsystemByName("meshcat_mouse_spring")
