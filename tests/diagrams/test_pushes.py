@@ -115,16 +115,27 @@ def test_gusts_have_the_spectrum_of_kaimal():
     assert variance == pytest.approx(deviation**2, rel=1e-3)
 
 
-def test_a_place_beside_the_centre_turns_a_chair_as_a_moment_does():
-    at_place, by_moment = (
-        shown(loop_of("walking_chair", f"[!Push {{at: 0.3, duration: 1.4, {push}}}]"), (1.0,))
+@pytest.mark.parametrize("backend", ["multibody", "mujoco"])
+def test_a_place_beside_the_centre_turns_a_chair_as_a_moment_does(backend):
+    if backend == "mujoco":
+        pytest.importorskip("mujoco")
+    at_place, by_moment, centred = (
+        shown(
+            loop_of(
+                "walking_chair",
+                f"[!Push {{at: 0.3, duration: 1.4, {push}}}]",
+                f"backend={backend}",
+            ),
+            (1.0,),
+        )["truth.contact_force"]
         for push in (
             "force_N: [0, 0, -100], place_mm: [200, 0, 0]",
             "force_N: [0, 0, -100], moment_Nm: [0, 20, 0]",
+            "force_N: [0, 0, -100]",
         )
     )
-    signal = "truth.contact_force"
-    np.testing.assert_allclose(at_place[signal], by_moment[signal], rtol=1e-3, atol=0.05)
+    np.testing.assert_allclose(at_place, by_moment, rtol=1e-3, atol=0.05)
+    assert np.abs(at_place - centred).max() > 3.0
 
 
 def test_a_body_of_a_platform_is_pushed_as_the_platform_is():
