@@ -18,6 +18,8 @@ from parapod.diagrams.block_diagram import render
 
 _HERE = Path(__file__).parent
 _DOCS, _ROOT = _HERE.parent, _HERE.parents[1]
+# Examples that are packages.
+_PACKAGES = [path.parent for path in sorted((_ROOT / "examples").glob("*/pyproject.toml"))]
 _MERMAID = re.compile(r"```mermaid\n(.*?)```", re.DOTALL)
 _STATES = """digraph {
 nodesep=0.25; ranksep=0.45; bgcolor="white";
@@ -52,14 +54,20 @@ def assemble(source: Path) -> None:
         path = source / "reference" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content.encode() if isinstance(content, str) else content)
-    _write_example(source)
+    for package in _PACKAGES:
+        _write_example(source, package)
+    for folder in ("machines", "mechanisms"):
+        shutil.copytree(_ROOT / "examples" / folder, source / "examples" / folder)
 
 
 def _adapted(page: Path) -> str:
     """A page whose state diagrams are pictures, and whose links stay inside the site."""
-    package = r"\]\(\.\./\.\./examples/three_rps[^)]*\)"
-    text = re.sub(package, "](../three_rps.md)", page.read_text())
-    text = text.replace("](../examples/notebooks/README.md)", "](tutorials.md)")
+    text = page.read_text().replace("](../examples/notebooks/README.md)", "](tutorials.md)")
+    for package in _PACKAGES:
+        link = rf"\]\(\.\./\.\./examples/{package.name}[^)]*\)"
+        text = re.sub(link, f"](../{package.name}.md)", text)
+    # Other examples are to be downloaded.
+    text = text.replace("](../../examples/", "](../examples/")
 
     def drawn(match: re.Match[str]) -> str:
         name = f"images/{page.stem}_states.svg"
@@ -77,17 +85,16 @@ def _as_graphviz(states: str) -> str:
     return _STATES + "\n".join(arrows) + "}"
 
 
-def _write_example(source: Path) -> None:
-    """A page with all files of the package that docs/your_own/machine.md is about."""
-    folder = _ROOT / "examples" / "three_rps"
-    parts = ["---\norphan: true\n---\n\n# The package of the 3-RPS platform"]
+def _write_example(source: Path, folder: Path) -> None:
+    """A page with all files of a package of examples."""
+    parts = [f"---\norphan: true\n---\n\n# The package {folder.name}"]
     for path in sorted(folder.rglob("*")):
         if path.suffix in (".py", ".toml", ".yaml", ".urdf") and "egg-info" not in str(path):
             language = {".py": "python", ".urdf": "xml"}.get(path.suffix, path.suffix[1:])
             parts.append(
                 f"## {path.relative_to(folder)}\n\n````{language}\n{path.read_text()}````"
             )
-    (source / "three_rps.md").write_text("\n\n".join(parts) + "\n")
+    (source / f"{folder.name}.md").write_text("\n\n".join(parts) + "\n")
 
 
 def main() -> int:
