@@ -157,10 +157,7 @@ class ClosedLoop[S](Diagram):
         Args:
             context: context to simulate in, which the simulator takes; None for a default one.
         """
-        simulator = simulator_of(self, context)
-        if self.monitor is not None:
-            simulator.set_monitor(self.monitor)
-        return simulator
+        return simulator_of(self, context, self.monitor)
 
     @property
     def monitor(self) -> Callable[[Context], EventStatus] | None:

@@ -21,6 +21,7 @@ from pydrake.geometry import (
     Role,
     SceneGraph,
 )
+from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
@@ -28,6 +29,9 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import CameraInfo
 
 from parapod.diagrams.wiring import add, connect
+
+# Bus without sockets, for what Drake's drawings would tell other programs.
+NO_LCM = DrakeLcm("memq://")
 
 
 def publish(

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import Value
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, SceneGraph
-from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from parapod.diagrams.disturbances import FORCES, BodyForce, Disturbance, add_courses
+from parapod.diagrams.drawing import NO_LCM
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.mechanism.parts import named
-from parapod.systems.physics.description import bodies_of, unique_names
+from parapod.systems.mechanism.parts import bodies_by_name, named
+from parapod.systems.physics.description import bodies_of
 from parapod.systems.physics.mujoco.plant import MujocoPlant
 from parapod.systems.physics.push_forces import PushForces
 
@@ -30,8 +30,6 @@ _LONG = 0.7
 _SLIM, _HEAD, _WIDE = 0.02, 0.18, 0.05
 _COLOUR = Rgba(0.85, 0.25, 0.15, 1.0)
 _RATE = 30.0  # [Hz]
-# Bus without sockets, for what Drake's drawings would tell other programs.
-NO_LCM = DrakeLcm("memq://")
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,7 @@ def pushes_in(
     Raises:
         ScenarioError: a body that does not exist, or cannot move.
     """
-    every = [body for body in bodies_of(plant) if not plant.IsAnchored(body)]
-    by_name = dict(zip(unique_names(every, "body", set()), every, strict=True))
+    by_name = bodies_by_name(plant)
     pushes: list[BodyForce] = []
     bodies = []
     for i, each in enumerate(disturbances):

@@ -1,9 +1,10 @@
 """Simulators of diagrams, with the integrator that their plants of rigid bodies need."""
 
+from collections.abc import Callable
 from typing import Any
 
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
 from parapod.diagrams.wiring import leaf_systems
 from parapod.systems.core.errors import WiringError
@@ -38,14 +39,19 @@ class ErrorControl(LeafSystem):
         )
 
 
-def simulator_of(system: System, context: Context | None = None) -> Simulator:
+def simulator_of(
+    system: System,
+    context: Context | None = None,
+    monitor: Callable[[Context], EventStatus] | None = None,
+) -> Simulator:
     """A simulator, to be initialized, with the integrator that a system needs.
 
-    Without a plant under error control it is what `Simulator(system, context)` makes.
+    Without a plant under error control and a monitor it is `Simulator(system, context)`.
 
     Args:
         system: a diagram with at most one such plant at any depth, or a leaf system.
         context: context to simulate in, which the simulator takes; None for a default one.
+        monitor: monitor of the simulator; None: none.
     """
     simulator = Simulator(system) if context is None else Simulator(system, context)
     leaves = leaf_systems(system) if isinstance(system, Diagram) else ()
@@ -57,4 +63,6 @@ def simulator_of(system: System, context: Context | None = None) -> Simulator:
                 max_step_size=leaf.longest,
             )
             ApplySimulatorConfig(config, simulator)
+    if monitor is not None:
+        simulator.set_monitor(monitor)
     return simulator

@@ -24,7 +24,7 @@ from pydrake.visualization import (
     VisualizationConfig,
 )
 
-from parapod.diagrams.pushes import NO_LCM
+from parapod.diagrams.drawing import NO_LCM
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.mechanism.equations import pose_vector

@@ -46,7 +46,7 @@ class _Posed(LeafSystem):
         context.get_mutable_discrete_state_vector().SetFromVector(np.asarray(q, dtype=float))
 
     def _solve_at(self, context: Context) -> Floats:
-        """Positions (q); NaN where there are none."""
+        """Positions (q); NaN of a pose that is not closed."""
         near = context.get_discrete_state_vector().value()
         goal = read_array(self._goal, context)
         if not _is_sane(goal):

@@ -241,7 +241,7 @@ class Mechanism:
         """Positions (q) nearest to those of the file with which all loops are closed.
 
         Raises:
-            UnsolvedPose: there are none; names the loop that stays open the most.
+            UnsolvedPose: loops that cannot be closed; names the one that stays open the most.
         """
         pose = self.solve()
         most = max((max(gap.length / self.size, gap.angle) for gap in pose.gaps), default=0.0)
@@ -302,7 +302,7 @@ class Mechanism:
         return self._solver.moved(np.asarray(q, dtype=float), np.asarray(change, dtype=float))
 
     def closed(self, q: ArrayLike) -> Floats | None:
-        """Positions (q) with all loops closed by the smallest step; None: there are none near."""
+        """Positions (q) with all loops closed by the smallest step; None if Newton fails."""
         solved = self._solver.newton(self.equations, np.asarray(q, dtype=float))
         return solved if self._solver.judge(self.equations, solved).is_closed else None
 
@@ -581,7 +581,7 @@ class Mechanism:
         left, values, _ = np.linalg.svd(before, full_matrices=False)
         rank = min(self.mobility.rank, len(columns))
         if not rank or values[rank - 1] <= self.nothing * values[0]:
-            return False  # singular to begin with: there is no branch to leave
+            return False  # singular to begin with: no branch is left
         change = (left[:, :rank] / values[:rank]).T @ (after - before)
         return bool(np.linalg.norm(change) >= 1.0)
 

@@ -107,7 +107,7 @@ def add_model(
         ScenarioError: a file that cannot be read, or names what the model does not have.
     """
     if not path.is_file():
-        raise ScenarioError(f"cannot read {quoted_path(path)}: there is no such file")
+        raise ScenarioError(f"cannot read {quoted_path(path)}: no such file")
     if not path.name.lower().endswith(_SUFFIXES):
         suffixes = ", ".join(_SUFFIXES)
         raise ScenarioError(f"{quoted_path(path)}: the suffix of a model is one of {suffixes}")

@@ -8,11 +8,11 @@ from tempfile import TemporaryDirectory
 
 from pydrake.geometry import Mesh
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, FrameIndex, Joint, JointIndex
+from pydrake.multibody.tree import Frame, FrameIndex, Joint, JointIndex, RigidBody
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import did_you_mean, printable, quoted
-from parapod.systems.physics.description import joints_of, unique_names
+from parapod.systems.physics.description import bodies_of, joints_of, unique_names
 from parapod.systems.physics.loops import Loop
 
 
@@ -80,6 +80,12 @@ def frames_by_name(plant: MultibodyPlant) -> dict[str, Frame]:
     frames = {each: joint.frame_on_child() for each, joint in joints_by_name(plant).items()}
     every = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
     return frames | dict(zip(unique_names(every, "frame", set()), every, strict=True))
+
+
+def bodies_by_name(plant: MultibodyPlant) -> dict[str, RigidBody]:
+    """Bodies that can move by their names, with the model instance where another has the same."""
+    bodies = [body for body in bodies_of(plant) if not plant.IsAnchored(body)]
+    return dict(zip(unique_names(bodies, "body", set()), bodies, strict=True))
 
 
 def joints_by_name(plant: MultibodyPlant) -> dict[str, Joint]:

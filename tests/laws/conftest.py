@@ -969,7 +969,7 @@ class Kind:
 
 
 def numbers_of(value):
-    """Numbers of an output that is no vector: signals of a bus, forces, or poses of frames."""
+    """Numbers of an abstract output: signals of a bus, forces, or poses of frames."""
     if isinstance(value, BusValue):
         return [value.Find(name) for name in value]
     if isinstance(value, list) and isinstance(value[0], SpatialForce):

@@ -129,7 +129,7 @@ def test_a_loop_that_cannot_close_says_which_and_by_how_much(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "line"),
     [
-        ("none.urdf", None, "there is no such file"),
+        ("none.urdf", None, "no such file"),
         ("model.stl", "solid", "the suffix of a model is one of .urdf, .sdf, .xml"),
         ("broken.urdf", "<robot", "cannot read"),
         ("broken.xml", "<mujoco", "cannot read"),
