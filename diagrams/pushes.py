@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
@@ -188,7 +188,7 @@ def draw_pushes(
     origins = [plant.EvalBodyPoseInWorld(context, body).translation() for body in bodies]
     scale = _LONG * float(np.ptp(origins, axis=0).max()) / pushed.largest
     indices = [int(body.index()) for body in pushed.bodies]
-    arrows = add(builder, PushArrows(meshcat, indices, pushed.places, scale))
+    arrows = add(builder, PushArrows(meshcat, pushed.places, scale, indices))
     connect(builder, pushed.pushes, arrows.GetInputPort("pushes"))
     connect(builder, body_poses, arrows.GetInputPort("body_poses"))
 
@@ -200,6 +200,9 @@ class PushArrows(LeafSystem):
     |---|---|---|---|
     | in `pushes` | 6k | N m, N | moment and force of each, by the world's axes |
     | in `body_poses` | abstract | - | poses of bodies in the world, by their indices |
+    | in `base_pose` | 7 | -, m | quaternion (w, x, y, z) and place of the one body pushed |
+
+    It has `base_pose` if it is made without indices of bodies, and else `body_poses`.
 
     State: none. Arrows are published thirty times a second.
 
@@ -207,22 +210,30 @@ class PushArrows(LeafSystem):
     """
 
     def __init__(
-        self, meshcat: Meshcat, bodies: Sequence[int], places: ArrayLike, scale: float = 1e-3
+        self,
+        meshcat: Meshcat,
+        places: Sequence[Sequence[float]],
+        scale: float,
+        bodies: Sequence[int] | None = None,
     ):
         """Draws the arrows, to be seen when there is a force.
 
         Args:
             meshcat: the scene.
-            bodies: indices (k) of the bodies that are pushed.
             places: places (k, 3) of the pushes, from the bodies' origins by their axes [m].
             scale: length of an arrow by its force [m/N].
+            bodies: indices (k) of the bodies that are pushed; None: all of them are one body.
         """
         super().__init__()
         self.set_name("push_arrows")
-        self._meshcat, self._bodies, self._scale = meshcat, list(bodies), scale
-        self._places = np.asarray(places, dtype=float).reshape(len(self._bodies), 3)
-        self._pushes = self.DeclareVectorInputPort("pushes", 6 * len(self._bodies))
-        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
+        self._meshcat, self._bodies, self._scale = meshcat, bodies, scale
+        self._places = np.array(places, dtype=float)
+        self._pushes = self.DeclareVectorInputPort("pushes", 6 * len(places))
+        if bodies is None:
+            self._poses = self.DeclareVectorInputPort("base_pose", 7)
+        else:
+            model = Value[list[RigidTransform]]()
+            self._poses = self.DeclareAbstractInputPort("body_poses", model)
         for path in self._paths():
             # Of length 1, its point in the origin; the cone's own one is its point as well.
             behind = RigidTransform(np.array((0.0, 0.0, -0.5 * (1.0 + _HEAD))))
@@ -235,11 +246,20 @@ class PushArrows(LeafSystem):
         self.DeclarePeriodicPublishEvent(1.0 / _RATE, 0.0, self._publish)
 
     def _paths(self) -> list[str]:
-        return [f"/pushes/{i}" for i in range(len(self._bodies))]
+        kind = "base" if self._bodies is None else "bodies"
+        return [f"/pushes/{kind}/{i}" for i in range(len(self._places))]
+
+    def _poses_of_pushed(self, context: Context) -> list[RigidTransform]:
+        """Poses (k) of the bodies that are pushed."""
+        poses: Any = self._poses.Eval(context)
+        if self._bodies is not None:
+            return [poses[i] for i in self._bodies]
+        quaternion, place = np.split(poses, [4])
+        return [RigidTransform(Quaternion(quaternion), place)] * len(self._places)
 
     def _publish(self, context: Context) -> None:
         pushes: Any = self._pushes.Eval(context)
-        poses: Any = self._poses.Eval(context)
+        poses = self._poses_of_pushed(context)
         time = context.get_time()
         for i, path in enumerate(self._paths()):
             force = pushes[6 * i + 3 : 6 * i + 6]
@@ -248,7 +268,7 @@ class PushArrows(LeafSystem):
             self._meshcat.SetProperty(path, "visible", bool(is_on), time_in_recording=time)
             if is_on:
                 R_WA = RotationMatrix.MakeFromOneVector(np.array(force), 2)
-                X_WA = RigidTransform(R_WA, poses[self._bodies[i]] @ self._places[i])
+                X_WA = RigidTransform(R_WA, poses[i] @ self._places[i])
                 self._meshcat.SetTransform(path, X_WA, time_in_recording=time)
                 self._meshcat.SetProperty(
                     f"{path}/arrow", "scale", [length] * 3, time_in_recording=time

@@ -56,6 +56,7 @@ class Disturbances:
     Attributes:
         places: places of the k pushes on the platform, from the platform's centre F [m].
         pushes: moment and force of each (6k), by the world's axes [N m, N].
+        largest: size of the largest of these forces [N].
         rising: rise of the ground under each foot, and its rate (8) [m, m/s].
         mass: mass of the payload [kg]; 0: none.
         payload: mass (1) whose weight the tip bears [kg].
@@ -63,6 +64,7 @@ class Disturbances:
 
     places: tuple[tuple[float, float, float], ...] = ()
     pushes: OutputPort | None = None
+    largest: float = 0.0
     rising: OutputPort | None = None
     mass: float = 0.0
     payload: OutputPort | None = None
@@ -117,6 +119,7 @@ def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance
     return Disturbances(
         places=tuple(push.place for push in pushes),
         pushes=add_courses(builder, pushes, "pushes") if pushes else None,
+        largest=max((push.largest for push in pushes), default=0.0),
         rising=rising,
         mass=payload_in(disturbances),
         payload=payload,

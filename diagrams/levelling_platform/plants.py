@@ -41,7 +41,7 @@ from parapod.diagrams.levelling_platform.tip import (
 )
 from parapod.diagrams.multibody import add_plant, lead_joints, mean_force
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.pushes import push_bodies, pushes_in
+from parapod.diagrams.pushes import PushArrows, push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect, split_states, sum_of
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
@@ -106,6 +106,8 @@ class PlatformPlant(Plant[Beginning]):
 type PlantMaker = Callable[
     [DiagramBuilder, LevellingScenario, Beginning, Drives, Meshcat | None], PlatformPlant
 ]
+# Length of the arrow of the largest push by the machine's size [m].
+_ARROW = 0.7
 # Signals that are for sensors alone.
 _HIDDEN = ("attitude", "angular_velocity", "specific_force")
 
@@ -477,7 +479,7 @@ def add_simulated(
     simulation.add_plant(plant, _HIDDEN)
     is_pushed = disturbances.pushes is not None or disturbances.payload is not None
     if arm is not None or is_pushed:
-        _add_loads(simulation, scenario, plant, disturbances, step)
+        _add_loads(simulation, scenario, plant, disturbances, step, meshcat)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
     simulation.outputs["truth.extension"] = actuators.GetOutputPort("extension")
     _add_leg_sensors(simulation, scenario, actuators, plant.signals["contact_force"])
@@ -491,8 +493,9 @@ def _add_loads(
     plant: PlatformPlant,
     disturbances: Disturbances,
     step: float,
+    meshcat: Meshcat | None,
 ) -> None:
-    """Adds truth about the arm's tip, a rod that bends, and what pushes."""
+    """Adds truth about the arm's tip, a rod that bends, and what pushes, with its arrows."""
     motion = plant.motion()
     loads: list[FlexibleArm | ExternalLoad] = []
     if motion.joint_state is not None:
@@ -505,6 +508,11 @@ def _add_loads(
         loads.append(external)
     if loads:
         plant.load(loads)
+    if meshcat is not None and disturbances.pushes is not None and disturbances.largest > 0.0:
+        scale = _ARROW * scenario.machine.size / disturbances.largest
+        arrows = add(simulation.builder, PushArrows(meshcat, disturbances.places, scale))
+        connect(simulation.builder, disturbances.pushes, arrows.GetInputPort("pushes"))
+        connect(simulation.builder, motion.platform_pose, arrows.GetInputPort("base_pose"))
 
 
 def _add_actuators(

@@ -1,26 +1,25 @@
-"""Points and the way of an arm's tip, and what disturbs it, in a scene and its recording."""
+"""Points and the way of an arm's tip, and its payload, in a scene and its recording."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.geometry import Meshcat, Rgba, Sphere
+from pydrake.math import RigidTransform
 
-from parapod.diagrams.disturbances import Disturbance, Push
+from parapod.diagrams.disturbances import Disturbance
 from parapod.diagrams.levelling_platform.disturbances import Payload
 
 _PATH = "/tip"
 # Radius of a point by the machine's size, and width of the way [m, pixels].
 _RADIUS, _WIDTH = 0.02, 3.0
-_TO_COME, _PRESENT, _TRAIL, _PUSH = (
+_TO_COME, _PRESENT, _TRAIL, _PAYLOAD = (
     Rgba(0.45, 0.50, 0.58, 0.6),
     Rgba(0.84, 0.28, 0.16),
     Rgba(0.12, 0.42, 0.78),
     Rgba(0.55, 0.20, 0.65),
 )
-# Height and half axes of an arrow's head by the machine's size [m], and what turns it round.
-_HEAD, _BACKWARDS = np.array([0.1, 0.035, 0.035]), RotationMatrix.MakeXRotation(np.pi)
 # Time between two places of the way [s], and number of them that are kept.
 _PERIOD, _MOST = 0.1, 3000
 
@@ -80,62 +79,32 @@ class TipScene:
         self._meshcat.SetProperty(path, "visible", value, time_in_recording=time)
 
 
-class DisturbanceScene:
-    """Arrows where the platform is pushed, and the payload at the tip."""
+class PayloadScene:
+    """Payload at the tip of an arm, from the time on at which the tip takes it."""
 
     def __init__(self, meshcat: Meshcat, disturbances: Sequence[Disturbance], size: float = 1.0):
-        """Draws them, to be seen when their time has come.
+        """Draws it, to be seen when its time has come.
 
         Args:
             meshcat: the scene.
-            disturbances: the disturbances.
+            disturbances: the disturbances, which have one payload at most.
             size: size of the machine by the paper's [-].
         """
-        self._meshcat, self._shown = meshcat, set[str]()
-        self._arrows: list[tuple[str, Push]] = []
-        self._payload: tuple[str, Payload] | None = None
-        for i, each in enumerate(disturbances):
-            path = f"{_PATH}/disturbances/{i}"
-            if isinstance(each, Push) and any(each.force_N) and not each.body:
-                # Its point is where the force acts; a cone grows from its point along z.
-                shaft, head = Cylinder(0.012 * size, 0.6 * size), MeshcatCone(*_HEAD * size)
-                behind = RigidTransform(np.array([0.0, 0.0, -0.3 * size]))
-                meshcat.SetObject(f"{path}/shaft", shaft, _PUSH)
-                meshcat.SetTransform(f"{path}/shaft", behind)
-                meshcat.SetObject(f"{path}/head", head, _PUSH)
-                meshcat.SetTransform(f"{path}/head", RigidTransform(_BACKWARDS))
-                self._arrows.append((path, each))
-            elif isinstance(each, Payload):
-                meshcat.SetObject(path, Sphere(2.0 * _RADIUS * size), _PUSH)
-                self._payload = path, each
-            else:
-                continue
-            meshcat.SetProperty(path, "visible", False, time_in_recording=0.0)
+        self._meshcat, self._path, self._at = meshcat, f"{_PATH}/payload", math.inf
+        for each in disturbances:
+            if isinstance(each, Payload):
+                self._at = each.at
+                meshcat.SetObject(self._path, Sphere(2.0 * _RADIUS * size), _PAYLOAD)
+                meshcat.SetProperty(self._path, "visible", False, time_in_recording=0.0)
 
-    def show(self, X_WF: RigidTransform, tip: ArrayLike, time: float) -> None:
-        """Shows what disturbs the machine now.
+    def show(self, tip: ArrayLike, time: float) -> None:
+        """Shows the payload where the tip is.
 
         Args:
-            X_WF: pose of the platform.
             tip: place of the tip (3) [m].
             time: [s].
         """
-        for path, push in self._arrows:
-            is_on = push.at <= time <= push.at + push.duration
-            if is_on and path not in self._shown:
-                R_WA = RotationMatrix.MakeFromOneVector(np.array(push.force_N), 2)
-                X_FA = RigidTransform(1e-3 * np.array(push.place_mm))
-                X_WA = RigidTransform(R_WA, (X_WF @ X_FA).translation())
-                self._meshcat.SetTransform(path, X_WA)
-            self._toggle(path, is_on, time)
-        if self._payload is not None:
-            path, payload = self._payload
-            self._toggle(path, time >= payload.at, time)
-            if time >= payload.at:
-                X_WT = RigidTransform(np.array(tip, dtype=float))
-                self._meshcat.SetTransform(path, X_WT, time_in_recording=time)
-
-    def _toggle(self, path: str, is_on: bool, time: float) -> None:
-        if is_on != (path in self._shown):
-            self._meshcat.SetProperty(path, "visible", is_on, time_in_recording=time)
-            self._shown ^= {path}
+        if time >= self._at:
+            self._meshcat.SetProperty(self._path, "visible", True, time_in_recording=time)
+            X_WT = RigidTransform(np.array(tip, dtype=float))
+            self._meshcat.SetTransform(self._path, X_WT, time_in_recording=time)

@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.signal import lfilter  # type: ignore[import-untyped]
@@ -39,13 +37,12 @@ from parapod.sims.levelling_platform.inspection import (
     trigger,
 )
 from parapod.sims.levelling_platform.levelling import check_friction, make_scene
-from parapod.sims.levelling_platform.scene import DisturbanceScene, TipScene
+from parapod.sims.levelling_platform.scene import PayloadScene, TipScene
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.core.schema import Schema, quantity
-from parapod.systems.levelling_platform.model import standing_pose
 from parapod.systems.levelling_platform.pointing import TipScript
 
 if TYPE_CHECKING:
@@ -265,20 +262,18 @@ def _recovery(run: Run, distance: NDArray[np.float64], window: _Window, bound: f
 
 
 def _watch(scenario: TipHoldScenario, loop: ClosedLoop[Any], meshcat: Meshcat | None) -> Monitor:
-    """Draws point and way of the tip, and what disturbs it."""
+    """Draws point and way of the tip, and its payload."""
     if meshcat is None:
         return lambda root_context: EventStatus.DidNothing()
     size = scenario.machine.size
     scene = TipScene(meshcat, [scenario.hold.point.command[:3]], size)
-    pushes = DisturbanceScene(meshcat, scenario.disturbances, size)
+    payload = PayloadScene(meshcat, scenario.disturbances, size)
 
     def look(root_context: Context) -> EventStatus:
         now = root_context.get_time()
         tip = value_of(loop.station, "truth.tip_pose", root_context)[4:]
         scene.show(value_of(loop.controller, "tip_goal", root_context), tip, now)
-        posture = value_of(loop.station, "truth.posture", root_context)
-        quaternion, place = np.split(standing_pose(posture, scenario.ground.inclination), [4])
-        pushes.show(RigidTransform(Quaternion(quaternion), place), tip, now)
+        payload.show(tip, now)
         return EventStatus.DidNothing()
 
     return look

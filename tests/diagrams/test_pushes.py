@@ -201,6 +201,31 @@ def test_rows_of_mujoco_are_pushed_as_its_runs():
             np.testing.assert_array_equal(samples, expected[name], err_msg=name)
 
 
+@pytest.mark.parametrize(
+    ("name", "backend", "path"),
+    [
+        ("levelling_platform", "kinematic", "base"),
+        ("levelling_platform", "multibody", "base"),
+        ("walking_chair", "multibody", "bodies"),
+        ("walking_chair", "mujoco", "bodies"),
+    ],
+)
+def test_an_arrow_is_there_while_a_force_acts(name, backend, path):
+    if backend == "mujoco":
+        pytest.importorskip("mujoco")
+    meshcat = Meshcat()
+    push = "[!Push {at: 0.1, duration: 0.2, force_N: [20, 0, 0]}]"
+    simulator = loop_of(name, push, f"backend={backend}", meshcat=meshcat).simulator()
+    shown_at = []
+    for time in (0.05, 0.2, 0.4):
+        simulator.AdvanceTo(time)
+        # MessagePack ends with true as 0xc3.
+        packed = meshcat._GetPackedProperty(f"/pushes/{path}/0", "visible")
+        shown_at.append(packed.endswith(b"\xc3"))
+    assert shown_at == [False, True, False]
+    assert meshcat.HasPath(f"/pushes/{path}/0/arrow/head")
+
+
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_mouse_pushes_bodies_and_the_loop_answers(name):
     meshcat = Meshcat()
