@@ -85,6 +85,10 @@ BRIEF = {
     ),
     "identify-actuators": COARSE,
     "identify-arm": ("backend=kinematic",),
+    "push": (
+        *("backend=kinematic", "directions=2", "share=1", "first_N=50", "most_N=50", "at=1.5"),
+        f"settings={list(JOB[1:])}",
+    ),
     "slip": (*COARSE, "lift.duration=0.5", "arm.duration=0.5", "arm.rest=0", "creep.duration=0.1"),
     "workspace": ("resolution=16",),
     "centre-machining": (

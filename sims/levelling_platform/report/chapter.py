@@ -193,6 +193,19 @@ _PARTS = (
         adds_to="workspace",
     ),
     Part(
+        "push",
+        "How hard it can be pushed",
+        "A push of a third of a second against the levelled platform, in four directions, until "
+        "it shows that a bound of its levelling breaks.",
+        "push",
+        ("at=23",),
+        quick=(
+            *("backend=kinematic", "directions=2", "share=1", "first_N=50", "most_N=100", "at=9"),
+            "settings=[job.estimate_at=1.5, job.settled_after=1.5, 'job.waypoints=[]', "
+            "'job.arm={start: 0.5, duration: 0.5}', job.end=12]",
+        ),
+    ),
+    Part(
         "arm-workspace",
         "Reach and sag of the arm",
         "Points that the tip of the slender arm reaches, sagging, where it leans: by the height "

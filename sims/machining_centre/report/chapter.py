@@ -130,6 +130,19 @@ _PARTS = (
         quick=(*_QUICK, "walk.advance_mm=60"),
     ),
     Part(
+        "centre-push",
+        "How hard it can be pushed",
+        "A push of a third of a second against the platform while it drills, in four directions, "
+        "until a bound of the machining breaks.",
+        "push",
+        ("experiment=centre-machining", "at=15.5"),
+        quick=(
+            *("directions=2", "share=1", "first_N=50", "most_N=100", "at=4.5"),
+            "settings=[holes.count=1]",
+        ),
+        is_random=False,
+    ),
+    Part(
         "centre-locks",
         "Locked joints",
         "The joints that are locked while a foot swings decide whether the foot can be led and "

@@ -100,6 +100,19 @@ _PARTS = (
         source="Eqs. 50 to 55",
     ),
     Part(
+        "chair-push",
+        "How hard it can be pushed",
+        "A push of a third of a second against the body of the chair with its passenger, while "
+        "two feet stand, in four directions, until a bound of the walk breaks.",
+        "push",
+        ("experiment=chair-walk",),
+        quick=(
+            *("directions=2", "share=1", "first_N=50", "most_N=50", "asked_N=50"),
+            "settings=[plant.time_step=0.005, gait.way=forward]",
+        ),
+        is_random=False,
+    ),
+    Part(
         "chair-engines",
         "Two engines",
         "Drake and MuJoCo simulate the same bodies, drives and gait.",

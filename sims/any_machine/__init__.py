@@ -1,0 +1,1 @@
+"""Any machine: questions put to every one that is installed."""
