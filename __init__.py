@@ -83,12 +83,13 @@ if TYPE_CHECKING:
     from parapod.systems.core.leaf_system import LeafSystem
     from parapod.systems.core.ports import read, read_array, read_or_zeros
     from parapod.systems.core.schema import Schema, choice, quantity
+    from parapod.systems.mechanism.equations import UnsolvedPose
     from parapod.systems.mechanism.leaf_systems import (
         MechanismForces,
         MechanismForward,
         MechanismInverse,
     )
-    from parapod.systems.mechanism.mechanism import Mechanism, UnsolvedPose
+    from parapod.systems.mechanism.mechanism import Mechanism
     from parapod.systems.mechanism.statics import motor_forces
     from parapod.systems.sensors.attitude_estimator import (
         AttitudeEstimator,
@@ -158,7 +159,8 @@ _HOMES = {
         "MechanismForward",
         "MechanismInverse",
     ),
-    "systems.mechanism.mechanism": ("Mechanism", "UnsolvedPose"),
+    "systems.mechanism.equations": ("UnsolvedPose",),
+    "systems.mechanism.mechanism": ("Mechanism",),
     "systems.mechanism.statics": ("motor_forces",),
     "systems.sensors.attitude_estimator": (
         "AttitudeEstimator",

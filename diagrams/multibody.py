@@ -22,6 +22,7 @@ from pydrake.systems.primitives import MatrixGain, ZeroOrderHold
 from parapod.diagrams.simulators import ErrorControl
 from parapod.diagrams.wiring import add, connect, split_states
 from parapod.systems.actuators.holding_force import HoldingForce
+from parapod.systems.actuators.pi_servo import PiServo
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo
 
@@ -60,7 +61,7 @@ def add_plant(
     return plant, scene_graph
 
 
-def arrival(drives: VelocityServo | PositionServo, accuracy: float | None) -> OutputPort:
+def arrival(drives: VelocityServo | PositionServo | PiServo, accuracy: float | None) -> OutputPort:
     """Positions and velocities of drives at the end of their step, where a plant is to arrive.
 
     The step of a discrete plant begins as that of the drives does: with the state before it. A

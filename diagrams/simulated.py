@@ -11,6 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, PassThr
 
 from parapod.diagrams.ports import Behind, Port
 from parapod.diagrams.wiring import add, connect
+from parapod.systems.actuators.pi_servo import PiServo
 from parapod.systems.actuators.position_drive import PositionDrive
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo
@@ -74,7 +75,7 @@ class Simulation[S, B]:
             raise WiringError("no plant stands behind the ports of a mock")
         return self._plant
 
-    def add_drives[D: (VelocityServo, PositionServo, PositionDrive)](
+    def add_drives[D: VelocityServo | PositionServo | PositionDrive | PiServo](
         self, drives: D, part: str, put: Callable[[D, Context, B], None] | None = None
     ) -> D:
         """Adds drives with `position_command` or `velocity_command`, `brake`, and encoders.

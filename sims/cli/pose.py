@@ -94,7 +94,8 @@ def execute(arguments: argparse.Namespace) -> int:
 
     # Before NumPy is loaded: threads for matrices this small take ten times as long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from parapod.sims.lab.poser import PARTS, Poser
+    from parapod.sims.lab.poser import Poser
+    from parapod.systems.mechanism.coordinates import PARTS
     from parapod.systems.mechanism.model import add_model
 
     def read(plant: Any) -> Any:
@@ -160,12 +161,13 @@ def _print(title: str, poser: "Poser") -> None:
     if of.freedoms > of.governed:
         idle = ", ".join(mechanism.name(mechanism.plant.get_joint(i)) for i in of.idle)
         print(f"  {of.freedoms - of.governed} freedoms without a motor: {idle}")
+    from parapod.systems.mechanism.coordinates import joint_unit
     from parapod.systems.mechanism.statics import motor_forces
 
     held = motor_forces(mechanism, poser.q)
     width = max(len(mechanism.name(joint)) for joint in mechanism.motors)
     for joint, value, force in zip(mechanism.motors, poser.motors, held.forces, strict=True):
-        unit, factor = poser.unit(joint)
+        unit, factor = joint_unit(mechanism, joint)
         (low,), (high,) = joint.position_lower_limits(), joint.position_upper_limits()
         limits = f"{factor * low:.6g}..{factor * high:.6g}" if math.isfinite(high - low) else "any"
         per = "N" if unit == "mm" else "N m"
@@ -201,7 +203,7 @@ def _rounded(number: float, decimals: int) -> float:
 
 def _numbers(poser: "Poser") -> dict[str, Any]:
     """Numbers of the pose, in SI units."""
-    from parapod.sims.lab.poser import PARTS
+    from parapod.systems.mechanism.coordinates import PARTS
     from parapod.systems.mechanism.statics import motor_forces
 
     mechanism = poser.mechanism

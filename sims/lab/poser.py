@@ -7,7 +7,6 @@ marks of motors tell how near a singular position is.
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -27,16 +26,15 @@ from pydrake.visualization import (
 from parapod.diagrams.drawing import NO_LCM
 from parapod.sims.lab.panel import Panel, Readout, Row
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.mechanism.coordinates import PARTS, joint_unit, last_link, part_unit
 from parapod.systems.mechanism.equations import pose_vector
 from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.mechanism.parts import Model
 from parapod.systems.mechanism.pulling import pulled
 from parapod.systems.mechanism.statics import motor_forces
-from parapod.systems.physics.loops import Coupling
 
 type Floats = NDArray[np.float64]
 
-PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 HOME = "Home"
 # Frames a second, and the ratio of a singular value from which a pose is called near a singular
 # one [-].
@@ -87,7 +85,7 @@ class Poser:
         plant.Finalize()
         self.mechanism = Mechanism.of_model(model)
         self.mechanism.check_motors()
-        self.frame = self.mechanism.frame(frame).name() if frame else self._last_link()
+        self.frame = self.mechanism.frame(frame).name() if frame else last_link(self.mechanism)
         self.parts = self.mechanism.free_parts(self.frame)
         self.q, self.remark = self.mechanism.home, ""
         self._marks: dict[str, tuple[float, ...]] = {}
@@ -122,24 +120,6 @@ class Poser:
         middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
         away = _AWAY * self.mechanism.size
         meshcat.SetCameraPose(middle + away, middle)
-
-    def _last_link(self) -> str:
-        """The link that motors move on which most loops end, and of these the heaviest."""
-        mechanism = self.mechanism
-        ends = Counter(
-            int(end.index())
-            for loop in mechanism.loops
-            if not isinstance(loop, Coupling)
-            for end in (loop.body, loop.other)
-        )
-        plant, best, name = mechanism.plant, (-1, -1, 0.0), ""
-        for body in (plant.get_body(i) for i in plant.GetBodyIndices(_instance(mechanism))):
-            freedoms = len(mechanism.free_parts(body.name()))
-            ended = sum(ends[int(other.index())] for other in plant.GetBodiesWeldedTo(body))
-            score = ended if freedoms else -1, freedoms, body.default_mass()
-            if score > best:
-                best, name = score, body.name()
-        return name
 
     # --- moves
 
@@ -243,7 +223,7 @@ class Poser:
         rows.append(Row("moved (0: singular)", None, near.moved, None, "", 4))
         held = motor_forces(mechanism, self.q)
         for joint, force in zip(mechanism.motors, held.forces, strict=True):
-            per = "N" if self.unit(joint)[0] == "mm" else "N m"
+            per = "N" if joint_unit(mechanism, joint)[0] == "mm" else "N m"
             rows.append(Row(f"{mechanism.name(joint)} holds", None, float(force), None, per, 2))
         for part, value in enumerate(self.pose):
             if part not in self.parts:
@@ -257,11 +237,6 @@ class Poser:
         state = "near a singular position" if is_singular else "all loops closed"
         return Readout(state, rows, remarks, is_singular or bool(remarks))
 
-    def unit(self, joint: Joint) -> tuple[str, float]:
-        """Unit of a joint's position for people, and its factor."""
-        is_length = self.mechanism.is_length[joint.velocity_start()]
-        return ("mm", 1e3) if is_length else ("deg", math.degrees(1.0))
-
     def range(self, joint: Joint) -> tuple[float, float]:
         """Smallest and largest position of a motor's slider [m, rad]."""
         (low,), (high,) = joint.position_lower_limits(), joint.position_upper_limits()
@@ -269,16 +244,6 @@ class Poser:
         wide = _SHIFT * self.mechanism.size if is_length else _TURN
         middle = self.mechanism.home[joint.position_start()]
         return max(low, middle - wide), min(high, middle + wide)
-
-
-def part_unit(part: int) -> tuple[str, float]:
-    """Unit of a part of a pose for people, and its factor."""
-    return ("mm", 1e3) if part < 3 else ("deg", math.degrees(1.0))
-
-
-def _instance(mechanism: Mechanism) -> Any:
-    """Model instance of the first joint that moves."""
-    return mechanism.joints[0].child_body().model_instance()
 
 
 class PosePage:
@@ -300,7 +265,7 @@ class PosePage:
         self._show()
 
     def _motor_slider(self, joint: Joint) -> tuple[str, float]:
-        unit, factor = self._poser.unit(joint)
+        unit, factor = joint_unit(self._poser.mechanism, joint)
         name = f"{self._poser.mechanism.name(joint)} [{unit}]"
         low, high = (factor * end for end in self._poser.range(joint))
         self._panel.AddSlider(name, low, high, 0.01, 0.5 * (low + high))

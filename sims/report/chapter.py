@@ -288,7 +288,7 @@ class Chapter:
 
     Attributes:
         title: title of the chapter.
-        paper: the citation.
+        paper: the citation; empty for a machine that no paper is about.
         summary: one paragraph.
         parts: the experiments, in order.
         claims: every number that the paper prints.

@@ -17,6 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
 from pydrake.systems.framework import Context
 
+from parapod.systems.core.errors import ParapodError
 from parapod.systems.physics.loops import Ball, Coupling, Distance, Loop, Weld, loop_name
 
 type Floats = NDArray[np.float64]
@@ -221,6 +222,18 @@ class Gap:
         return f"{self.name} by {' and '.join(parts) or 'nothing'}"
 
 
+class UnsolvedPose(ParapodError):
+    """A pose that the mechanism cannot take.
+
+    Attributes:
+        gaps: loops and targets that are missed, and by how much.
+    """
+
+    def __init__(self, message: str, gaps: Sequence[Gap] = ()):
+        self.gaps = tuple(gaps)
+        super().__init__(message)
+
+
 def gap_of(equation: Equation, residual: Floats) -> Gap:
     """Miss of an equation with a residual."""
     is_angle = np.array(equation.is_angle, dtype=bool)
@@ -278,10 +291,18 @@ def part_rates(plant: MultibodyPlant, frame: Frame, q: ArrayLike) -> Floats:
 
 
 def _rates_by_velocity(rpy: RollPitchYaw) -> Floats:
-    """Matrix (3, 3) from an angular velocity along the world's axes to rates of the angles."""
-    columns: list[Any] = [
-        rpy.CalcRpyDtFromAngularVelocityInParent(np.array(axis)) for axis in np.eye(3)
-    ]
+    """Matrix (3, 3) from an angular velocity along the world's axes to rates of the angles.
+
+    Raises:
+        UnsolvedPose: a pitch of about 90 deg, where there is none.
+    """
+    try:
+        columns: list[Any] = [
+            rpy.CalcRpyDtFromAngularVelocityInParent(np.array(axis)) for axis in np.eye(3)
+        ]
+    except RuntimeError:
+        reason = "a frame is pitched by about 90 deg, where roll and yaw are one"
+        raise UnsolvedPose(reason) from None
     return np.column_stack(columns)
 
 

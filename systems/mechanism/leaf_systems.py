@@ -12,8 +12,8 @@ from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import declare_cached, read_array, read_or_zeros
-from parapod.systems.mechanism.equations import part_rates, pose_vector
-from parapod.systems.mechanism.mechanism import Mechanism, UnsolvedPose
+from parapod.systems.mechanism.equations import UnsolvedPose, part_rates, pose_vector
+from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.mechanism.statics import motor_forces
 
 type Floats = NDArray[np.float64]
@@ -31,12 +31,21 @@ def _is_sane(*vectors: Floats) -> bool:
 class _Posed(LeafSystem):
     """A mechanism whose pose is solved from that of the sample before."""
 
-    def __init__(self, mechanism: Mechanism, name: str, port: str, size: int, period: float):
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        name: str,
+        port: str,
+        size: int,
+        period: float,
+        begin: ArrayLike | None = None,
+    ):
         super().__init__()
         self.set_name(name)
         self.mechanism = mechanism
         self._goal = self.DeclareVectorInputPort(port, size)
-        self._state = self.DeclareDiscreteState(mechanism.home)
+        q = mechanism.home if begin is None else np.asarray(begin, dtype=float)
+        self._state = self.DeclareDiscreteState(q)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         tickets = {self._goal.ticket(), self.discrete_state_ticket(self._state)}
         self._pose = declare_cached(self, "pose", self._solve_at, tickets)
@@ -123,7 +132,11 @@ class MechanismInverse(_Posed):
             output.SetFromVector(np.full(2 * len(mechanism.motors), np.nan))
             return
         rates = read_array(self._goal, context)[len(self.parts) :]
-        moves = part_rates(mechanism.plant, mechanism.frame(self.frame), q)
+        try:
+            moves = part_rates(mechanism.plant, mechanism.frame(self.frame), q)
+        except UnsolvedPose:
+            output.SetFromVector(np.full(2 * len(mechanism.motors), np.nan))
+            return
         by_motors = (moves @ mechanism.velocity_map(q))[list(self.parts)]
         speeds = np.linalg.lstsq(by_motors, rates)[0]
         output.SetFromVector(np.concatenate((mechanism.motor_positions(q), speeds)))
@@ -145,13 +158,21 @@ class MechanismForward(_Posed):
     Bad input: NaN where the loops cannot follow, or for motors at NaN.
     """
 
-    def __init__(self, mechanism: Mechanism, frame: str, period: float = 0.01):
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        frame: str,
+        period: float = 0.01,
+        begin: ArrayLike | None = None,
+    ):
         """Takes a mechanism.
 
         Args:
             mechanism: the mechanism.
             frame: name of the frame.
             period: time between two samples [s].
+            begin: (q) positions next to which the first pose is solved, all loops closed; None:
+                those at home.
 
         Raises:
             ScenarioError: motors that do not fit the mechanism, or an unknown frame.
@@ -159,7 +180,7 @@ class MechanismForward(_Posed):
         mechanism.check_motors()
         self.frame = frame
         count = len(mechanism.motors)
-        super().__init__(mechanism, "mechanism_forward", "position", count, period)
+        super().__init__(mechanism, "mechanism_forward", "position", count, period, begin)
         self._velocity = self.DeclareVectorInputPort("velocity", count)
         tickets = {self._goal.ticket(), self.discrete_state_ticket(self._state)}
         self._part = mechanism.frame(frame)
@@ -187,7 +208,11 @@ class MechanismForward(_Posed):
             return
         mechanism = self.mechanism
         speeds = np.asarray(read_or_zeros(self._velocity, context), dtype=float)
-        moves = part_rates(mechanism.plant, self._part, q)
+        try:
+            moves = part_rates(mechanism.plant, self._part, q)
+        except UnsolvedPose:
+            output.SetFromVector(np.full(6, np.nan))
+            return
         output.SetFromVector(moves @ mechanism.velocity_map(q) @ speeds)
 
 

@@ -15,11 +15,12 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, JointIndex
 
-from parapod.systems.core.errors import ParapodError, ScenarioError
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.mechanism.equations import (
     Equation,
     FrameTarget,
     Gap,
+    UnsolvedPose,
     equations_of,
     pose_vector,
 )
@@ -54,18 +55,6 @@ _FARTHEST = 1e3
 _ROUNDED_GAP = 1e-5
 # Most steps of a way over rows.
 _MOST_STEPS = 40
-
-
-class UnsolvedPose(ParapodError):
-    """A pose that the mechanism cannot take.
-
-    Attributes:
-        gaps: loops and targets that are missed, and by how much.
-    """
-
-    def __init__(self, message: str, gaps: Sequence[Gap] = ()):
-        self.gaps = tuple(gaps)
-        super().__init__(message)
 
 
 class Mechanism:

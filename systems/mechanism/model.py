@@ -48,6 +48,7 @@ from parapod.systems.physics.loops import Ball, Loop, Weld, add_loop
 _SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml")
 # Kinds of elements that an SDFormat may have which are not of it, and what is said of one.
 _FOREIGN = 20
+_NUMBER = re.compile(r"\s*[0-9.]+([eE][-+]?[0-9]+)?\s*")
 _NOT_DEFINED = re.compile(r"XML Element\[(\w+)\], child of element\[(\w+)\], not defined")
 _KINDS = {"3d": "ball", "6d": "weld"}
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
@@ -206,12 +207,21 @@ def _readable(model: Model) -> tuple[str | None, list[Drawing]]:
     drawings = []
     if form == ".urdf":
         drawings = adapt_urdf(root, model.path.parent, notes)
+        model.efforts = _efforts(root)
     else:
         adapt_sdf(root, model.path.parent, notes)
     model.notes += notes if is_drawn else []
     if form == ".sdf":
         _adapt_joints(root, model.notes)
     return ElementTree.tostring(root, encoding="unicode"), drawings if is_drawn else []
+
+
+def _efforts(root: ElementTree.Element) -> dict[str, float]:
+    """Largest forces of a URDF's joints, by their names; those of zero are none."""
+    limits = ((joint.get("name", ""), joint.find("limit")) for joint in root.iter("joint"))
+    efforts = ((name, limit.get("effort", "")) for name, limit in limits if limit is not None)
+    numbers = {name: float(effort) for name, effort in efforts if _NUMBER.fullmatch(effort)}
+    return {name: effort for name, effort in numbers.items() if effort > 0.0}
 
 
 def _adapt_joints(root: ElementTree.Element, notes: list[str]) -> None:
@@ -508,4 +518,5 @@ def _fit_actuators(model: Model) -> None:
     for motor in model.motors:
         if motor not in driven:
             joint = plant.get_joint(motor)
-            plant.AddJointActuator(joint.name(), joint)
+            effort = model.efforts.get(joint.name(), np.inf)
+            plant.AddJointActuator(joint.name(), joint, effort)

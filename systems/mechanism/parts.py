@@ -26,6 +26,8 @@ class Model:
         loops: constraints that close its loops.
         motors: its joints with motors, by the file; empty where it names none.
         notes: parts that are read in another way than they are written, or not at all.
+        efforts: largest forces of joints by their names, as a URDF has them without a transmission
+            [N, N m].
         is_plain: true if its joints are hinges and slides alone, at the origins of their links, as
             all formats have them; light links are between those of one universal or ball joint.
     """
@@ -35,6 +37,7 @@ class Model:
     loops: list[Loop] = field(default_factory=list)
     motors: list[JointIndex] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    efforts: dict[str, float] = field(default_factory=dict)
     is_plain: bool = False
     _meshes: dict[str, Path] = field(default_factory=dict)
 

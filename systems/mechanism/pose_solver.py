@@ -5,6 +5,7 @@ own constraints of the plant, and Newton's method refines what it finds.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from pydrake.multibody.inverse_kinematics import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
-from parapod.systems.mechanism.equations import Equation, FrameTarget, Gap, gap_of
+from parapod.systems.mechanism.equations import Equation, FrameTarget, Gap, UnsolvedPose, gap_of
 
 type Floats = NDArray[np.float64]
 
@@ -135,11 +136,20 @@ class PoseSolver:
         return np.vstack(parts) if parts else np.zeros((0, self.plant.num_velocities()))
 
     def moved(self, q: Floats, change: Floats) -> Floats:
-        """Positions after velocities have acted for a unit of time."""
+        """Positions after velocities have acted for a unit of time.
+
+        Raises:
+            UnsolvedPose: a ball joint is turned so far that Drake's numbers for it end.
+        """
         if self._has_plain_rates:
             return q + change
         self.plant.SetPositions(self.context, q)
-        moved = q + np.asarray(self.plant.MapVelocityToQDot(self.context, change))
+        try:
+            rates = np.asarray(self.plant.MapVelocityToQDot(self.context, change))
+        except RuntimeError as error:  # a pitch of 90 deg
+            reason, *_ = str(error).partition(". ")
+            raise UnsolvedPose(f"a ball joint cannot turn so far: {reason}") from None
+        moved = q + rates
         for first in self._quaternions:
             moved[first : first + 4] /= np.linalg.norm(moved[first : first + 4])
         return moved
@@ -160,28 +170,29 @@ class PoseSolver:
         residual = self.residual(equations)
         missed = float(np.abs(residual).max(initial=0.0))
         closed = _CLOSED * max(self.size, 1.0)
-        for _ in range(_STEPS):
-            if missed <= closed:
-                break
-            matrix = self.jacobian(equations)
-            part = matrix if columns is None else matrix[:, columns]
-            step = np.linalg.lstsq(part, -residual, rcond=self.tolerance.nothing)[0]
-            change = np.zeros(matrix.shape[1])
-            change[slice(None) if columns is None else columns] = step
-            change /= max(1.0, float((np.abs(change) / self._largest_step).max()))
-            for share in (1.0, 0.5, 0.25, 0.125, 0.0625):
-                ahead = self.moved(q, share * change)
-                if not np.isfinite(ahead).all():
-                    continue
-                self.plant.SetPositions(context, ahead)
-                residual_ahead = self.residual(equations)
-                missed_ahead = float(np.abs(residual_ahead).max())
-                if missed_ahead < missed:
+        with suppress(UnsolvedPose):  # where Drake's numbers for an attitude end
+            for _ in range(_STEPS):
+                if missed <= closed:
                     break
-            else:
-                break
-            q, residual = ahead, residual_ahead
-            missed = missed_ahead
+                matrix = self.jacobian(equations)
+                part = matrix if columns is None else matrix[:, columns]
+                step = np.linalg.lstsq(part, -residual, rcond=self.tolerance.nothing)[0]
+                change = np.zeros(matrix.shape[1])
+                change[slice(None) if columns is None else columns] = step
+                change /= max(1.0, float((np.abs(change) / self._largest_step).max()))
+                for share in (1.0, 0.5, 0.25, 0.125, 0.0625):
+                    ahead = self.moved(q, share * change)
+                    if not np.isfinite(ahead).all():
+                        continue
+                    self.plant.SetPositions(context, ahead)
+                    residual_ahead = self.residual(equations)
+                    missed_ahead = float(np.abs(residual_ahead).max())
+                    if missed_ahead < missed:
+                        break
+                else:
+                    break
+                q, residual = ahead, residual_ahead
+                missed = missed_ahead
         self.plant.SetPositions(context, q)
         return q
 

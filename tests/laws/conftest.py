@@ -469,6 +469,25 @@ ENTRIES: dict[str, Entry] = {
         inputs={"pose_desired_state": pose_of_rps},
         passes={"where the frame cannot get there": "motor_desired_state positions"},
     ),
+    "MechanismControls": Entry(
+        lambda: {
+            "controls": Moved(),
+            "elements": [("x [mm]", 100.0, 0.1, 1e-3)],
+            "first": [0.2],
+            "speeds": [0.1],
+        }
+    ),
+    "FramePose": Entry(
+        lambda: {"frame": model_of(add_pedal)[0].plant.GetFrameByName("plate")},
+        inputs={"body_poses": of_bodies("body_poses", add_pedal)},
+    ),
+    "LoopGaps": Entry(
+        lambda: {"mechanism": three_rps()},
+        inputs={
+            "positions": lambda random, size: three_rps().forward(legs_of_rps(random, size)),
+        },
+        passes={"where a position is not finite": "loop_error"},
+    ),
     "CentreControls": Entry(lambda: {"controls": Moved()}, limits={"limb_asked": (0.0, 3.0)}),
     "CentreFeedforward": Entry(
         inputs={
@@ -652,6 +671,10 @@ ENTRIES: dict[str, Entry] = {
         lambda: {"params": (PositionDriveParams(2.0, 30.0, -0.5, 1.0),) * 2},
         inputs={"position_command": around(0.0, 0.2)},
         limits={"velocity_measured": 2.0},
+    ),
+    "PiServo": Entry(
+        lambda: {"actuator": LinearActuatorParams(), "control": SLOW, "channels": 4},
+        inputs={"position_command": around(0.42, 0.01), "load_force": around(0.0, 100.0)},
     ),
     "PositionServo": Entry(
         lambda: DRIVES,

@@ -292,6 +292,21 @@ ROWS = {
             like="Epos2PositionScrews",
         )
     ),
+    "Epos2MotorScrews": Row(
+        **axes(
+            3,
+            settings=PATIENT | {"following_error_mm": 1000.0},
+            memory="motors.json",
+            measures=dict.fromkeys(("position", "velocity", "current"), 3) | {"emergency_stop": 1},
+            commands={"position_command": 3, "brake": 1},
+            truth=("position", (0.01, -0.011, 0.012), 1e-4),
+            order={"position_command": (0.02, -0.03, 0.04), "brake": (0.0,)},
+            rest={"brake": (1.0,)},
+            is_held=True,
+            like="Epos2PositionScrews",
+        )
+    ),
+    "Epos2MotorAxes": Row(**turns(like="Epos2PositionAxes")),
     "Epos2HipSlide": Row(
         **axes(
             1,

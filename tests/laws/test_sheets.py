@@ -4,7 +4,9 @@ import copy
 import json
 import math
 import re
+import shutil
 from dataclasses import fields
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -59,6 +61,27 @@ def similar(scenario, scale):
     return scenario
 
 
+# Numbers of a URDF by their elements, and the powers of the scale with which they grow.
+MODEL = {
+    "origin": {"xyz": 1.0}, "mass": {"value": 3.0}, "cylinder": {"radius": 1.0, "length": 1.0},
+    "sphere": {"radius": 1.0},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 5.0),
+    "limit": {"lower": 1.0, "upper": 1.0, "velocity": 0.5, "effort": 3.0},
+}  # fmt: skip
+
+
+def scaled_model(path, scale, folder):
+    """A larger model of slides, hinges and cylinders, with its loops beside it."""
+    root = ElementTree.parse(path).getroot()
+    for element in root.iter():
+        for name, power in MODEL.get(element.tag, {}).items():
+            numbers = np.array(element.get(name).split(), dtype=float)
+            element.set(name, " ".join(f"{number:.15g}" for number in scale**power * numbers))
+    (folder / "model.urdf").write_bytes(ElementTree.tostring(root))
+    shutil.copy(path.with_suffix(".yaml"), folder / "model.yaml")
+    return str(folder / "model.urdf")
+
+
 @each_sheet
 def test_entries_say_their_unit_and_have_a_value(name):
     sheet = find_sheet(name)(scenario_of(name))
@@ -75,12 +98,15 @@ def test_entries_say_their_unit_and_have_a_value(name):
 
 @each_sheet
 @pytest.mark.parametrize("scale", [0.5, 2.0])
-def test_the_sheet_of_a_similar_machine_is_similar(name, scale):
+def test_the_sheet_of_a_similar_machine_is_similar(name, scale, tmp_path):
     scenario, kind = scenario_of(name), find_sheet(name)
     forces, moments = scale**3 * np.array(kind.usual_wrench[:3]), kind.usual_wrench[3:]
     wrench = (*forces.tolist(), *(scale**4 * np.array(moments)).tolist())
     values = kind(scenario).values()
-    others = kind(similar(scenario, scale), wrench).values()
+    larger = similar(scenario, scale)
+    if hasattr(scenario.machine, "file"):
+        larger.machine.file = scaled_model(scenario.machine.path, scale, tmp_path)
+    others = kind(larger, wrench).values()
     for key, entry in kind.entries().items():
         expected = scale ** POWERS[entry.unit] * values[key]
         # Heights at work are round millimetres.

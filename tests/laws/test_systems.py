@@ -18,7 +18,7 @@ from parapod.systems.core.errors import ParapodError
 DOCS = Path(__file__).parents[2] / "docs"
 SNAKE = re.compile(r"[a-z][a-z0-9_]*")
 HAS_NO_PORTS_OF_ITS_OWN = "FunctionSystem"  # nor a name: they are its arguments
-_DIAGRAMS = ("VelocityServo", "PositionServo", "TerrainReference")
+_DIAGRAMS = ("VelocityServo", "PositionServo", "PiServo", "TerrainReference")
 
 
 def differing(first, second):

@@ -7,7 +7,8 @@ import pytest
 from pydrake.math import RollPitchYaw
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.mechanism.mechanism import Mechanism, UnsolvedPose
+from parapod.systems.mechanism.equations import UnsolvedPose
+from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.mechanism.statics import motor_forces
 from tests.systems.mechanism.conftest import MECHANISMS, MODELS
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.mechanism.mechanism import Mechanism, UnsolvedPose
+from parapod.systems.mechanism.equations import UnsolvedPose
+from parapod.systems.mechanism.mechanism import Mechanism
 from tests.systems.mechanism.conftest import MECHANISMS, MODELS
 
 mujoco: Any = pytest.importorskip("mujoco")

@@ -1,0 +1,1 @@
+"""Machines made of a model file: any closed-loop mechanism, its drives, its diagrams."""

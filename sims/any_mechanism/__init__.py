@@ -1,0 +1,1 @@
+"""Mechanisms of model files: any closed-loop machine, its drives, its workspace."""
