@@ -33,8 +33,8 @@ def make_controller(scenario: MechanismScenario) -> Diagram:
     """
     built, period = scenario.machine.built, scenario.control.period
     mechanism, count = built.mechanism, len(built.motors.names)
-    inverse = MechanismInverse(mechanism, built.frame, built.parts, period)
-    forward = MechanismForward(mechanism, built.frame, period)
+    inverse = MechanismInverse(mechanism, built.frame, built.parts, period, built.q)
+    forward = MechanismForward(mechanism, built.frame, period, built.q)
     halves = named("motor_command", Demultiplexer(2 * count, count))
     commanded = {
         "u0": "motor_desired_state",

@@ -1,5 +1,6 @@
 """Design of a machine that a model file describes: file, drives, and the link that is led."""
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,7 +14,7 @@ from parapod.systems.actuators.pi_controller import PiControllerParams
 from parapod.systems.actuators.pi_servo import PiServo
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServoParams
-from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.schema import Schema, Variant, choice, quantity
 from parapod.systems.core.vectors import Array
 from parapod.systems.mechanism.coordinates import free_coordinates, last_link
@@ -26,6 +27,8 @@ DEFAULT_MODEL = f"{_PACKAGE}any_mechanism/three_rps.urdf"
 WELDED, GROUND = "welded", "ground"
 # Largest speed of a motor where neither model nor scenario has one [m/s or rad/s].
 _SPEED = 1.0
+# Distance from a singular position below which no machine begins [-].
+_SINGULAR = 1e-5
 _FEWEST = 3  # feet on which something stands
 # Share by which a drive may exceed an acceleration that is met exactly [-].
 _SLACK = 0.01
@@ -45,6 +48,11 @@ class Drives(Variant):
         """
         raise NotImplementedError
 
+    @property
+    def acceleration(self) -> float:
+        """Largest acceleration of a motor [m/s^2 or rad/s^2]."""
+        raise NotImplementedError
+
 
 @dataclass
 class PositionServos(Drives):
@@ -61,6 +69,11 @@ class PositionServos(Drives):
     time_constant_ms: float = quantity(3.0, 0.01, 1000.0)
     arrival_ms: float | None = quantity(None, 0.1, 1000.0)
     resolution: float = quantity(1e-6, 0.0, 1.0)
+
+    @property
+    def acceleration(self) -> float:
+        """See `Drives`."""
+        return self.max_acceleration
 
     def make(self, motors: "Motors", period: float, time_step: float) -> PositionServo:
         """See `Drives`."""
@@ -98,6 +111,12 @@ class PiActuators(Drives):
     supply_V: float = quantity(24.0, 0.1, 1e3)  # noqa: N815
     pole: float = quantity(30.0, 0.1, 500.0)
     resolution: float = quantity(1e-6, 0.0, 1.0)
+
+    @property
+    def acceleration(self) -> float:
+        """See `Drives`; at rest and without load."""
+        force = self.motor_constant_N_V * self.supply_V - self.coulomb_friction_N
+        return force / self.inertia_kg if self.inertia_kg > 0.0 else math.inf
 
     def make(self, motors: "Motors", period: float, time_step: float) -> PiServo:
         """See `Drives`."""
@@ -159,6 +178,8 @@ class MechanismDesign(Schema):
         frame: link or frame that is led; empty: the link on which most loops end.
         coordinates: parts of its pose in which it is led, of x, y, z, roll, pitch and yaw; empty:
             those that the motors can set.
+        home: positions of the motors at home, from where all ways are told [m or rad]; empty:
+            those nearest to the file's with which all loops are closed.
         base: "welded" to the world, or standing on the "ground" with its feet.
         feet_mm: feet with which it does, as points of its first link, of which the lowest is as
             high as the ground [mm].
@@ -177,6 +198,7 @@ class MechanismDesign(Schema):
     motors: list[str] = field(default_factory=list)
     frame: str = ""
     coordinates: list[str] = field(default_factory=list)
+    home: list[float] = field(default_factory=list)
     base: str = choice(WELDED, (WELDED, GROUND))
     feet_mm: list[list[float]] = field(default_factory=list)
     max_velocity: float | None = quantity(None, 1e-6, 1e3)
@@ -213,7 +235,7 @@ class MechanismDesign(Schema):
         )
         files = self.path, self.loops_path, tuple(self.motors)
         settings = self.frame, tuple(self.coordinates), self.max_velocity, self.max_force
-        return _built(*files, *settings, stamps)
+        return _built(*files, *settings, tuple(self.home), stamps)
 
     @property
     def stiffnesses(self) -> Array:
@@ -249,6 +271,7 @@ class BuiltMechanism:
         parts: parts of its pose in which it is led, by their places in `PARTS`.
         max_velocity: largest speeds of the motors [m/s or rad/s]; None: the model's.
         max_force: largest forces [N or N m]; None: the model's.
+        q: (q) positions of all joints at home, all loops closed [m, rad].
     """
 
     mechanism: Mechanism
@@ -256,6 +279,7 @@ class BuiltMechanism:
     parts: tuple[int, ...]
     max_velocity: float | None
     max_force: float | None
+    q: Array
 
     @cached_property
     def motors(self) -> Motors:
@@ -275,13 +299,19 @@ class BuiltMechanism:
             force = efforts.get(int(joint.index()), np.inf)
             forces.append(float(self.max_force or force))
         lower, upper = (tuple(map(float, side)) for side in zip(*ends, strict=True))
-        home = of.motor_positions(of.home)
+        home = of.motor_positions(self.q)
         return Motors(tuple(names), tuple(units), lower, upper, tuple(speeds), tuple(forces), home)
+
+    @property
+    def scale(self) -> Array:
+        """Lengths and angles by which ways of the motors are compared (n) [m, rad]."""
+        is_length = self.mechanism.is_length[self.mechanism.motor_columns]
+        return np.where(is_length, self.mechanism.size, 1.0)
 
     @cached_property
     def home(self) -> Array:
         """Parts of the pose at home (k) [m, rad]."""
-        return self.parts_at(self.mechanism.home)
+        return self.parts_at(self.q)
 
     def parts_at(self, q: Array) -> Array:
         """Parts of the pose (k) in positions (q) [m, rad]."""
@@ -299,7 +329,7 @@ class BuiltMechanism:
 
         In any direction no motor is faster than that.
         """
-        rates = [self.motor_rates(self.mechanism.home, unit) for unit in np.eye(len(self.parts))]
+        rates = [self.motor_rates(self.q, unit) for unit in np.eye(len(self.parts))]
         most = np.max(np.abs(rates) / self.motors.velocities, axis=1)
         return np.asarray(share / (len(self.parts) * most))
 
@@ -308,8 +338,8 @@ class BuiltMechanism:
         """Mass that each motor moves at home while the others stand (n) [kg, kg m^2]."""
         of = self.mechanism
         context: Context = of.plant.CreateDefaultContext()
-        of.plant.SetPositions(context, of.home)
-        by_motors = of.velocity_map(of.home)
+        of.plant.SetPositions(context, self.q)
+        by_motors = of.velocity_map(self.q)
         masses = by_motors.T @ of.plant.CalcMassMatrix(context) @ by_motors
         return np.diag(masses).copy()
 
@@ -323,6 +353,7 @@ def _built(
     coordinates: tuple[str, ...],
     max_velocity: float | None,
     max_force: float | None,
+    home: tuple[float, ...],
     stamps: tuple[int, ...],
 ) -> BuiltMechanism:
     key = "machine"
@@ -333,10 +364,32 @@ def _built(
         for joint in mechanism.motors:
             if joint.num_positions() != 1:
                 raise ScenarioError(f"the motor {mechanism.name(joint)} must have one freedom")
+        key = "machine.home"
+        q = _home(mechanism, home)
         key = "machine.frame"
         name = mechanism.frame(frame).name() if frame else last_link(mechanism)
         key = "machine.coordinates"
         parts = free_coordinates(mechanism, name, coordinates)
-    except ScenarioError as error:
+        part_rates(mechanism.plant, mechanism.frame(name), q)  # where its angles have rates
+    except ParapodError as error:
         raise ScenarioError(f"{key}: {error}", key) from None
-    return BuiltMechanism(mechanism, name, parts, max_velocity, max_force)
+    return BuiltMechanism(mechanism, name, parts, max_velocity, max_force, q)
+
+
+def _home(mechanism: Mechanism, home: tuple[float, ...]) -> Array:
+    """Positions (q) at home.
+
+    Raises:
+        ParapodError: positions that the motors cannot take, or a singular position.
+    """
+    count = len(mechanism.motors)
+    if home and len(home) != count:
+        raise ScenarioError(f"there must be {count} numbers, one for each motor, not {len(home)}")
+    q = mechanism.forward(home) if home else mechanism.home
+    held = mechanism.dexterity(q).held
+    if held < _SINGULAR:
+        names = ", ".join(map(mechanism.name, mechanism.motors))
+        raise ScenarioError(
+            f"it is next to a singular position ({held:.2g} of 1); give other positions of {names}"
+        )
+    return q

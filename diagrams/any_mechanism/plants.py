@@ -60,6 +60,8 @@ type Servo = PositionServo | PiServo
 
 # Damping ratio of a motor's drive with what it moves [-].
 _DAMPING = 1.0
+# Share of the largest inertia below which one is none [-].
+_LIGHTEST = 1e-14
 # Radius of the balls with which a base touches the ground [m].
 _FOOT = 5e-3
 
@@ -111,7 +113,7 @@ def _beside_encoders(
 def beginning(scenario: MechanismScenario) -> Array:
     """Positions (q) at home by the encoders [m, rad]."""
     built = scenario.machine.built
-    home, errors = built.mechanism.home, scenario.zero_errors
+    home, errors = built.q, scenario.zero_errors
     return built.mechanism.forward(built.motors.home + errors, home) if errors.any() else home
 
 
@@ -192,6 +194,7 @@ def add_bodies(
     model, base = _add_model(plant, scene_graph, design)
     actuators = _give_gains(plant, model, design)
     plant.Finalize()
+    _check_masses(plant)
     to_mechanism = _positions_of(plant, built.mechanism)
     usual = plant.GetDefaultPositions()
     select = to_mechanism[:, : len(usual)]
@@ -263,6 +266,29 @@ def _add_model(
     return model, base.body_frame()
 
 
+def _check_masses(plant: MultibodyPlant) -> None:
+    """Refuses links without inertia, which nothing could simulate.
+
+    Raises:
+        ScenarioError: names them.
+    """
+    context = plant.CreateDefaultContext()
+    values, vectors = np.linalg.eigh(plant.CalcMassMatrix(context))
+    if values[0] > _LIGHTEST * values[-1]:
+        return
+    light = np.abs(vectors[:, values <= _LIGHTEST * values[-1]]).max(axis=1) > 0.5
+    names = [
+        joint.child_body().name()
+        for joint in joints_of(plant)
+        if light[joint.velocity_start() : joint.velocity_start() + joint.num_velocities()].any()
+    ]
+    raise ScenarioError(
+        f"machine.file: {', '.join(names) or 'some links'} have no inertia, which rigid bodies "
+        "need; the backend must be kinematic",
+        "machine.file",
+    )
+
+
 def _give_gains(
     plant: MultibodyPlant, model: Model, design: MechanismDesign
 ) -> list[JointActuator]:
@@ -272,7 +298,11 @@ def _give_gains(
         for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
     }
     motors = model.motors or list(map(JointIndex, by_joint))
-    actuators = [by_joint[int(index)] for index in motors]
+    actuators = []
+    for index, force in zip(motors, design.built.motors.forces, strict=True):
+        plant.RemoveJointActuator(by_joint[int(index)])  # whose limit is the file's
+        joint = plant.get_joint(index)
+        actuators.append(plant.AddJointActuator(f"{joint.name()}_motor", joint, force))
     damping = 2.0 * _DAMPING / (2.0 * math.pi * design.natural_frequency_Hz)
     for actuator, stiffness in zip(actuators, design.stiffnesses.tolist(), strict=True):
         gains = PdControllerGains(p=stiffness, d=damping * stiffness)

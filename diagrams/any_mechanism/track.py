@@ -1,6 +1,7 @@
 """The way along which a mechanism's frame is led: waypoints, or a tour of its coordinates."""
 
 import itertools
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, cast
@@ -25,9 +26,12 @@ _FARTHEST, _TURNED, _FOUND = 1.0, 3.0, 5e-4
 _STEPS = 32
 # Least distance from a singular position within a tour, by that at home [-].
 _NEAR = 0.3
+# Way of a motor that is not foreseen and no jump, in a step [rad, sizes of the mechanism].
+_JUMP = 0.05
 # Leg of a tour before its pace is set, and the shortest one [s]; instants between two waypoints at
 # which the way is looked at.
 _LEG, _SHORTEST, _LOOKS = 1.0, 0.2, 50
+_TRIES = 4  # number of tours that are tried, each half as wide
 _END = 1e6  # [s]
 
 
@@ -62,7 +66,7 @@ class TrackScenario(Schema):
         waypoints: poses that are taken one after the other; empty: a tour, which goes along each
             coordinate in turn, both ways, as far as the motors can, and back.
         share: share of that way that a tour takes [-].
-        speed: share of the motors' largest speeds that a tour takes [-].
+        speed: share of the motors' largest speeds and accelerations that a tour takes [-].
         begin: time for which the frame stands first [s].
         end: time for which it stands at last [s].
     """
@@ -84,6 +88,7 @@ class Track:
         times: (n) instants at which it has been looked at [s].
         positions: (n, q) positions of all joints there [m, rad].
         rates: (n, motors) speeds of the motors there [m/s, rad/s].
+        accelerations: (n, motors) their accelerations there [m/s^2, rad/s^2].
     """
 
     path: PiecewisePolynomial
@@ -91,6 +96,7 @@ class Track:
     times: Floats
     positions: Floats
     rates: Floats
+    accelerations: Floats
 
     def ahead(self, period: float) -> Trajectory:
         """The coordinates that are to be had a period later."""
@@ -109,12 +115,13 @@ def make_track(design: MechanismDesign, scenario: TrackScenario) -> Track:
         (point.time, *(getattr(point, key) for key in _KEYS)) for point in scenario.waypoints
     )
     settings = scenario.share, scenario.speed, scenario.begin, scenario.end
-    return _tracked(design.built, waypoints, *settings)
+    return _tracked(design.built, design.drives.acceleration, waypoints, *settings)
 
 
 @lru_cache(maxsize=16)
 def _tracked(
     built: BuiltMechanism,
+    acceleration: float,
     waypoints: tuple[tuple[float, ...], ...],
     share: float,
     speed: float,
@@ -124,15 +131,26 @@ def _tracked(
     if waypoints:
         times, poses = _asked(built, waypoints, begin)
         return _looked_at(built, smooth_path(times, poses), times, end)
-    times, poses = _tour(built, share, begin)
-    slow = _looked_at(built, smooth_path(times, poses), times, end)
+    for count in reversed(range(_TRIES)):
+        times, poses = _tour(built, share, begin)
+        try:
+            slow = _looked_at(built, smooth_path(times, poses), times, end)
+            break
+        except ScenarioError:  # between ends that it gets to, there may be poses that it does not
+            if not count:
+                raise
+            share *= 0.5
     # The same way at the pace that is asked for.
-    paced = float((np.abs(slow.rates) / built.motors.velocities).max()) / speed
-    paced = max(paced, _SHORTEST / _LEG)
+    paced = max(
+        float((np.abs(slow.rates) / built.motors.velocities).max()) / speed,
+        math.sqrt(float(np.abs(slow.accelerations).max()) / (speed * acceleration)),
+        _SHORTEST / _LEG,
+    )
     times = [0.0, *(begin + paced * (time - begin) for time in times[1:])]
     looks = np.where(slow.times > begin, begin + paced * (slow.times - begin), slow.times)
     path = smooth_path(times, poses)
-    return Track(path, times[-1] + end, looks, slow.positions, slow.rates / paced)
+    rates, accelerations = slow.rates / paced, slow.accelerations / paced**2
+    return Track(path, times[-1] + end, looks, slow.positions, rates, accelerations)
 
 
 def _asked(
@@ -185,7 +203,7 @@ def farthest(built: BuiltMechanism, part: int, sign: float) -> tuple[float, Arra
     """
     mechanism = built.mechanism
     most = _FARTHEST * mechanism.size if built.parts[part] < 3 else _TURNED
-    low, q, step = 0.0, mechanism.home, most / _STEPS
+    low, q, step = 0.0, built.q, most / _STEPS
     # In steps, for beyond an end it may go on, then in halves.
     while step > _FOUND * most:
         ahead = _reached(built, part, sign * (low + step), q) if low < most else None
@@ -202,17 +220,30 @@ def _reached(built: BuiltMechanism, part: int, way: float, near: Array) -> Array
     goal[list(built.parts)] = built.home
     goal[built.parts[part]] += way
     try:
-        q = built.mechanism.inverse(built.frame, goal, near)
+        q = _assembled(built, goal, near)
     except ParapodError:
         return None
     if built.mechanism.beyond_limits(q):
         return None
-    here, home = (
-        built.mechanism.dexterity(positions, built.frame)
-        for positions in (q, built.mechanism.home)
-    )
+    here, home = (built.mechanism.dexterity(pose, built.frame) for pose in (q, built.q))
     is_near = here.held < _NEAR * home.held or here.moved < _NEAR * home.moved
     return None if is_near else q
+
+
+def _assembled(built: BuiltMechanism, goal: Array, near: Array) -> Array:
+    """Positions (q) with which the frame is at a goal, assembled as they are next to it.
+
+    Raises:
+        ParapodError: the frame does not get there, or its motors would have to jump.
+    """
+    mechanism, parts = built.mechanism, list(built.parts)
+    q = mechanism.inverse(built.frame, goal, near)
+    went = mechanism.motor_positions(q) - mechanism.motor_positions(near)
+    foreseen = built.motor_rates(near, goal[parts] - built.parts_at(near))
+    off = np.abs(went - foreseen) / built.scale
+    if (off > _JUMP + 0.5 * np.abs(foreseen) / built.scale).any():
+        raise ScenarioError("the motors would have to jump, from one way to get there to another")
+    return q
 
 
 def smooth_path(times: list[float], poses: list[Array]) -> PiecewisePolynomial:
@@ -243,7 +274,7 @@ def _looked_at(
     Raises:
         ScenarioError: a pose that the frame does not get to, and when.
     """
-    mechanism, q = built.mechanism, built.mechanism.home
+    mechanism, q = built.mechanism, built.q
     pieces = [np.linspace(*ends, _LOOKS, endpoint=False) for ends in itertools.pairwise(times)]
     looks = np.concatenate((*pieces, times[-1:]))
     positions, rates = [], []
@@ -252,7 +283,8 @@ def _looked_at(
         goal = np.full(len(PARTS), np.nan)
         goal[list(built.parts)] = path.value(time).ravel()
         try:
-            q = mechanism.inverse(built.frame, goal, q)
+            q = _assembled(built, goal, q)
+            rates.append(built.motor_rates(q, speeds.value(time).ravel()))
         except ParapodError as error:
             raise ScenarioError(
                 f"track: {built.frame} does not get to its pose at {time:.2f} s: {error}", "track"
@@ -264,5 +296,8 @@ def _looked_at(
                 "track",
             )
         positions.append(q)
-        rates.append(built.motor_rates(q, speeds.value(time).ravel()))
-    return Track(path, times[-1] + end, looks, np.array(positions), np.array(rates))
+    speeds_of_motors = np.array(rates)
+    accelerations = np.gradient(speeds_of_motors, looks, axis=0)
+    return Track(
+        path, times[-1] + end, looks, np.array(positions), speeds_of_motors, accelerations
+    )

@@ -30,7 +30,7 @@ class MechanismTwin(Twin):
         built = scenario.machine.built
         self._mechanism = built.mechanism
         self._count = len(built.motors.names)
-        self._poses = dict.fromkeys((MEASURED, DESIRED), self._mechanism.home)
+        self._poses = dict.fromkeys((MEASURED, DESIRED), built.q)
         for drawing in (MEASURED, DESIRED):
             port = self.input(drawing, self._mechanism.plant.num_positions())
             add_drawing(self.builder, scenario.machine, port, meshcat, self.path(drawing))

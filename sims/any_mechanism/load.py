@@ -115,7 +115,7 @@ class MechanismLoad(LoopExperiment[MechanismLoadScenario, Run]):
     def measure(self, scenario: MechanismLoadScenario, run: Run) -> Iterator[Metric]:
         """Forces of bodies and of statics, and the mass that could be carried."""
         built = scenario.machine.built
-        statics = forces_at(scenario, built.mechanism.home, scenario.mass_kg)
+        statics = forces_at(scenario, built.q, scenario.mass_kg)
         bodies = run["truth.motor_force"][-1]
         scale = float(np.abs(statics).max()) or 1.0
         yield Metric(
@@ -197,7 +197,7 @@ def masses_at_ends(scenario: MechanismLoadScenario) -> list[tuple[str, float]]:
 
 def _ends(built: BuiltMechanism) -> Iterator[tuple[str, Floats]]:
     """Poses at home, and at the ends of the ways along each coordinate."""
-    yield "at home", built.mechanism.home
+    yield "at home", built.q
     for i, part in enumerate(built.parts):
         for sign, word in ((1.0, "high"), (-1.0, "low")):
             yield f"where {PARTS[part]} is {word}", farthest(built, i, sign)[1]
@@ -211,7 +211,7 @@ def _draw(scenario: MechanismLoadScenario, run: Run, canvas: "Canvas") -> None:
         axes.plot(run.time[1:], forces[1:, i], label=name)
     axes.set_prop_cycle(None)
     for mass, ends in ((0.0, (0.0, _AT)), (scenario.mass_kg, (_AT + _TAKES, _END))):
-        for force in forces_at(scenario, built.mechanism.home, mass):
+        for force in forces_at(scenario, built.q, mass):
             axes.plot(ends, [force, force], linestyle="dotted", color="0.3")
     units = {"N" if unit == "m" else "N m" for unit in built.motors.units}
     axes.set_ylabel(f"force [{' or '.join(sorted(units))}]")

@@ -51,7 +51,7 @@ class MechanismSheet(Sheet[MechanismScenario, None, None]):
 
     @cached_property
     def _near(self) -> Dexterity:
-        return self.built.mechanism.dexterity(self.built.mechanism.home, self.built.frame)
+        return self.built.mechanism.dexterity(self.built.q, self.built.frame)
 
     @entry("mechanism")
     def freedoms(self) -> float:
@@ -108,9 +108,9 @@ class MechanismSheet(Sheet[MechanismScenario, None, None]):
     def _loads(self) -> tuple[Floats, Floats, Floats]:
         """Forces of the motors at home alone, those of a kilogram on the frame, and the limits."""
         of, frame = self.built.mechanism, self.built.frame
-        alone = motor_forces(of, of.home).forces
+        alone = motor_forces(of, self.built.q).forces
         weight = {frame: (0.0, 0.0, 0.0, 0.0, 0.0, -GRAVITY)}
-        loaded = motor_forces(of, of.home, wrenches=weight).forces
+        loaded = motor_forces(of, self.built.q, wrenches=weight).forces
         return alone, loaded - alone, np.array(self.built.motors.forces)
 
     @entry("forces")
@@ -136,7 +136,7 @@ class MechanismSheet(Sheet[MechanismScenario, None, None]):
 
     @cached_property
     def _deflection(self) -> Floats:
-        moves = self.built.mechanism.frame_jacobian(self.built.frame, self.built.mechanism.home)
+        moves = self.built.mechanism.frame_jacobian(self.built.frame, self.built.q)
         force, moment = self.wrench[:3], self.wrench[3:]
         pushed = moves.T @ np.array((*moment, *force)) / self.scenario.machine.stiffnesses
         return np.asarray(moves @ pushed)

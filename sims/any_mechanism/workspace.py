@@ -99,7 +99,7 @@ class MechanismWorkspace(Experiment[MechanismWorkspaceScenario, Reach]):
     def run(self, scenario: MechanismWorkspaceScenario, runner: Runner) -> Reach:
         """Floods a grid that is large enough."""
         built, parts = scenario.machine.built, scenario.parts()
-        home = built.mechanism.dexterity(built.mechanism.home, built.frame).held
+        home = built.mechanism.dexterity(built.q, built.frame).held
         ranges = dict(_ranges(built, parts))
         fixed = {
             part: float(value)
@@ -110,7 +110,7 @@ class MechanismWorkspace(Experiment[MechanismWorkspaceScenario, Reach]):
             for _ in range(_TRIES):
                 grid = {part: (*ends, scenario.cells) for part, ends in ranges.items()}
                 least = scenario.least_held * home
-                flooded = reach(built.mechanism, built.frame, grid, fixed, least_held=least)
+                flooded = reach(built.mechanism, built.frame, grid, fixed, built.q, least)
                 if not flooded.cut_off:
                     break
                 ranges = {part: _wider(part, ends) for part, ends in ranges.items()}
@@ -157,7 +157,7 @@ class MechanismWorkspace(Experiment[MechanismWorkspaceScenario, Reach]):
             meaning="largest gap in a closed loop of these poses",
         )
         held = [built.mechanism.dexterity(q, built.frame).held for q in _some(data)]
-        home = built.mechanism.dexterity(built.mechanism.home, built.frame).held
+        home = built.mechanism.dexterity(built.q, built.frame).held
         yield Metric(
             "least_held",
             min(held) / home,

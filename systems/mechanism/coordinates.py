@@ -10,6 +10,7 @@ from pydrake.multibody.tree import Joint
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import did_you_mean, quoted
 from parapod.systems.mechanism.mechanism import Mechanism
+from parapod.systems.mechanism.mobility import independent_rows
 from parapod.systems.physics.loops import Coupling
 
 # Parts of a pose, as `pose_vector` has them.
@@ -29,7 +30,7 @@ def joint_unit(mechanism: Mechanism, joint: Joint) -> tuple[str, float]:
 
 
 def last_link(mechanism: Mechanism) -> str:
-    """The link that motors move on which most loops end, and of these the heaviest."""
+    """The link that motors govern most freely, and of these the one on which most loops end."""
     ends = Counter(
         int(end.index())
         for loop in mechanism.loops
@@ -41,7 +42,7 @@ def last_link(mechanism: Mechanism) -> str:
     for body in (plant.get_body(i) for i in plant.GetBodyIndices(instance)):
         freedoms = len(mechanism.free_parts(body.name()))
         ended = sum(ends[int(other.index())] for other in plant.GetBodiesWeldedTo(body))
-        score = ended if freedoms else -1, freedoms, body.default_mass()
+        score = freedoms, ended, body.default_mass()
         if score > best:
             best, name = score, body.name()
     return name
@@ -68,15 +69,16 @@ def free_coordinates(
             hint = did_you_mean(name, PARTS)
             raise ScenarioError(f"{quoted(name)} is not one of {', '.join(PARTS)}{hint}")
     parts = tuple(sorted(PARTS.index(name) for name in set(names)))
+    usual = mechanism.free_parts(frame)
     moves = mechanism.frame_jacobian(frame, mechanism.home)
     scale = np.where(mechanism.is_length[mechanism.motor_columns], mechanism.size, 1.0)
-    moves = np.vstack((moves[3:] / mechanism.size, moves[:3]))[list(parts)] * scale
-    count = len(mechanism.free_parts(frame))
-    rank = int(np.linalg.matrix_rank(moves, tol=mechanism.nothing * float(np.abs(moves).max())))
-    if rank < len(parts) or len(parts) != count:
-        usual = ", ".join(PARTS[part] for part in mechanism.free_parts(frame))
+    moves = np.vstack((moves[3:] / mechanism.size, moves[:3])) * scale
+    moves[mechanism.idle_parts(frame)] = 0.0
+    free = independent_rows(moves[list(parts)], mechanism.nothing)
+    if len(free) < len(parts) or len(parts) != len(usual):
         raise ScenarioError(
             f"the motors cannot set {', '.join(PARTS[part] for part in parts)} of {frame} each "
-            f"for itself: it has {count} freedoms, such as {usual}"
+            f"for itself: it has {len(usual)} freedoms, such as "
+            f"{', '.join(PARTS[part] for part in usual)}"
         )
     return parts

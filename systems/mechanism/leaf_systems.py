@@ -98,6 +98,7 @@ class MechanismInverse(_Posed):
         frame: str,
         parts: tuple[int, ...] | None = None,
         period: float = 0.01,
+        begin: ArrayLike | None = None,
     ):
         """Takes a mechanism.
 
@@ -107,6 +108,8 @@ class MechanismInverse(_Posed):
             parts: parts of its pose that are desired, by their places in x, y, z, roll, pitch,
                 yaw; None: those that the motors can set.
             period: time between two samples [s].
+            begin: (q) positions next to which the first pose is solved, all loops closed; None:
+                those at home.
 
         Raises:
             ScenarioError: motors that do not fit the mechanism, or an unknown frame.
@@ -114,7 +117,9 @@ class MechanismInverse(_Posed):
         mechanism.check_motors()
         self.frame, self.parts = frame, parts or mechanism.free_parts(frame)
         count, motors = len(self.parts), len(mechanism.motors)
-        super().__init__(mechanism, "mechanism_inverse", "pose_desired_state", 2 * count, period)
+        super().__init__(
+            mechanism, "mechanism_inverse", "pose_desired_state", 2 * count, period, begin
+        )
         tickets = {self._goal.ticket(), self.discrete_state_ticket(self._state)}
         self.DeclareVectorOutputPort("motor_desired_state", 2 * motors, self._calc_motors, tickets)
         self.DeclareVectorOutputPort(

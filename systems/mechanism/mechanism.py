@@ -31,6 +31,7 @@ from parapod.systems.mechanism.mobility import (
     independent_rows,
     is_rounded,
     mobility,
+    null_space,
     poses_near,
     scaled_jacobian,
 )
@@ -53,6 +54,8 @@ _LONGEST_WAY, _SHORTEST_WAY = 0.2, 1e-5
 _FARTHEST = 1e3
 # Gaps that rounding of a file may leave [rad, lengths].
 _ROUNDED_GAP = 1e-5
+# Motion of a part of a pose, by that of all joints, below which it stands [-].
+_IDLE = 1e-7
 # Most steps of a way over rows.
 _MOST_STEPS = 40
 
@@ -300,14 +303,28 @@ class Mechanism:
 
         Returns:
             As many places in x, y, z, roll, pitch, yaw as the frame has freedoms; where there is
-            a choice, those that move the most.
+            a choice, those that move the most. Parts that also move without a motor, such as the
+            roll of a rod between two ball joints, are none of them.
         """
         if frame not in self._parts:
             moves = self.frame_jacobian(frame, self.home)
             scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
             moves = np.vstack((moves[3:] / self.size, moves[:3])) * scale
+            moves[self.idle_parts(frame)] = 0.0
             self._parts[frame] = independent_rows(moves, self.nothing)
         return self._parts[frame]
+
+    def idle_parts(self, frame: str) -> NDArray[np.bool_]:
+        """Parts of a frame's pose (6) that can move at home while all motors stand."""
+        motors = np.eye(self.plant.num_velocities())[self.motor_columns]
+        held = np.vstack((self.loop_jacobian(self.home), motors))
+        world, q_dot = self.plant.world_frame(), null_space(held, self.nothing)
+        spatial = self.plant.CalcJacobianSpatialVelocity(
+            self._context, _V, self.frame(frame), np.zeros(3), world, world
+        )
+        moves = spatial @ q_dot
+        sizes = np.vstack((moves[3:] / self.size, moves[:3]))
+        return np.asarray((np.abs(sizes) > _IDLE).any(axis=1))
 
     def solve(
         self,

@@ -85,6 +85,11 @@ BRIEF = {
     ),
     "identify-actuators": COARSE,
     "identify-arm": ("backend=kinematic",),
+    "mechanism-track": (
+        *("backend=kinematic", "track={waypoints: [{time: 0.4, z_mm: 2}], begin: 0.2, end: 0.1}"),
+    ),
+    "mechanism-load": ("plant.time_step=0.005",),
+    "mechanism-workspace": ("cells=6", "asked_percent=100"),
     "push": (
         *("backend=kinematic", "directions=2", "share=1", "first_N=50", "most_N=50", "at=1.5"),
         f"settings={list(JOB[1:])}",

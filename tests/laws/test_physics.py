@@ -50,6 +50,10 @@ DRIVES = {
         *("truth.leg_force", "legs.position", "legs.position_command", 0.01),
         *(("legs.brake",), 1e-4),
     ),
+    "any_mechanism": Drives(
+        *("truth.motor_force", "motors.position", "motors.position_command", 0.01),
+        *(("motors.brake",), 0.01),
+    ),
     "terrain_simulator": Drives(
         *("truth.slider_force", "sliders.position", "sliders.position_command"),
         *(np.array([0.01, -0.01, -0.01]), ("sliders.brake",), 0.01),
