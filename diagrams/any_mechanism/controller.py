@@ -1,5 +1,6 @@
 """Controller of a mechanism: from a pose of its frame to motors, and from encoders to the pose."""
 
+import math
 from typing import Any
 
 from pydrake.systems.framework import Diagram, System
@@ -78,7 +79,8 @@ def make_controls(scenario: MechanismScenario, controls: Any) -> MechanismContro
         unit, factor = part_unit(part)
         way = min(abs(farthest(built, i, sign)[0]) for sign in (1.0, -1.0))
         step = 0.1 if unit == "mm" else 0.05
-        elements.append((f"{PARTS[part]} [{unit}]", _WAY * factor * way, step, 1.0 / factor))
+        reach = step * math.floor(_WAY * factor * way / step)
+        elements.append((f"{PARTS[part]} [{unit}]", reach, step, 1.0 / factor))
     return MechanismControls(
         controls, elements, built.home, built.speeds(_SPEED), scenario.control.period
     )

@@ -128,7 +128,7 @@ class MechanismTrack(LoopExperiment[MechanismScenario, Run]):
             unit, factor = part_unit(part)
             desired = factor * float(goals[0][i]) if goals else None
             numbers = (desired, factor * float(measured[part]), factor * float(true[part]))
-            rows.append(Row(PARTS[part], *numbers, unit=unit, decimals=2))
+            rows.append(Row(PARTS[part], *numbers, unit=unit, decimals=1 if part < 3 else 2))
         is_followed = bool(
             np.isfinite(value_of(loop.controller, "motor_desired_state", root_context)).all()
         )
