@@ -190,6 +190,8 @@ class MechanismDesign(Schema):
         force_per_current_N_A: force of a motor by its current [N/A or N m/A].
         natural_frequency_Hz: frequency with which what a motor moves would swing on it alone, by
             which the stiffness of the multibody backend's drives follows [Hz].
+        idle_decay_Hz: rate with which joints come to rest that no motor governs, such as the spin
+            of a rod between two ball joints [Hz].
         drives: see `PositionServos` and `PiActuators`.
     """
 
@@ -206,6 +208,7 @@ class MechanismDesign(Schema):
     zero_error: float = quantity(1e-4, 0.0, 1.0)
     force_per_current_N_A: float = quantity(100.0, 1e-4, 1e6)  # noqa: N815
     natural_frequency_Hz: float = quantity(60.0, 1.0, 1000.0)  # noqa: N815
+    idle_decay_Hz: float = quantity(1.0, 0.0, 1000.0)  # noqa: N815
     drives: Drives = field(default_factory=PositionServos)
 
     @property

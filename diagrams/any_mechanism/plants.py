@@ -25,7 +25,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, ZeroOrderHold
 
-from parapod.diagrams.any_mechanism.design import GROUND, MechanismDesign
+from parapod.diagrams.any_mechanism.design import GROUND, BuiltMechanism, MechanismDesign
 from parapod.diagrams.any_mechanism.ports import PART, PARTS_OF_STATION
 from parapod.diagrams.any_mechanism.scenario import MechanismScenario
 from parapod.diagrams.drawing import draw_model, publish, remove_visuals
@@ -193,6 +193,7 @@ def add_bodies(
     plant, scene_graph = add_plant(builder, settings.time_step, "lagged", settings.accuracy)
     model, base = _add_model(plant, scene_graph, design)
     actuators = _give_gains(plant, model, design)
+    _damp_idle(plant, built, design.idle_decay_Hz)
     plant.Finalize()
     _check_masses(plant)
     to_mechanism = _positions_of(plant, built.mechanism)
@@ -264,6 +265,20 @@ def _add_model(
     ground = plant.GetFrameByName("ground", instance)
     plant.WeldFrames(plant.world_frame(), ground, height)
     return model, base.body_frame()
+
+
+def _damp_idle(plant: MultibodyPlant, built: BuiltMechanism, rate: float) -> None:
+    """Damps joints that no motor governs, such as the spin of a rod between two ball joints."""
+    of, joints = built.mechanism, joints_by_name(plant)
+    context = of.plant.CreateDefaultContext()
+    of.plant.SetPositions(context, built.q)
+    masses = np.diag(of.plant.CalcMassMatrix(context))
+    for index in of.mobility.idle:
+        joint = of.plant.get_joint(index)
+        first, count = joint.velocity_start(), joint.num_velocities()
+        damping = 2.0 * math.pi * rate * masses[first : first + count]
+        own = joints[of.name(joint)]
+        own.set_default_damping_vector(own.default_damping_vector() + damping.max())
 
 
 def _check_masses(plant: MultibodyPlant) -> None:

@@ -219,31 +219,31 @@ def _reached(built: BuiltMechanism, part: int, way: float, near: Array) -> Array
     goal = np.full(len(PARTS), np.nan)
     goal[list(built.parts)] = built.home
     goal[built.parts[part]] += way
-    try:
-        q = _assembled(built, goal, near)
-    except ParapodError:
-        return None
-    if built.mechanism.beyond_limits(q):
+    q = _next(built, goal, near)
+    if q is None or built.mechanism.beyond_limits(q):
         return None
     here, home = (built.mechanism.dexterity(pose, built.frame) for pose in (q, built.q))
     is_near = here.held < _NEAR * home.held or here.moved < _NEAR * home.moved
     return None if is_near else q
 
 
-def _assembled(built: BuiltMechanism, goal: Array, near: Array) -> Array:
-    """Positions (q) with which the frame is at a goal, assembled as they are next to it.
+def _next(built: BuiltMechanism, goal: Array, near: Array) -> Array | None:
+    """Positions (q) with which the frame is at a goal, next to others; None where there are none.
 
-    Raises:
-        ParapodError: the frame does not get there, or its motors would have to jump.
+    Newton's method alone finds them, and motors do not jump from one way to get there to another.
     """
     mechanism, parts = built.mechanism, list(built.parts)
-    q = mechanism.inverse(built.frame, goal, near)
+    (q,), (is_closed,) = mechanism.inverse_rows(built.frame, goal[np.newaxis], near)
+    if not is_closed:
+        return None
     went = mechanism.motor_positions(q) - mechanism.motor_positions(near)
-    foreseen = built.motor_rates(near, goal[parts] - built.parts_at(near))
+    try:
+        foreseen = built.motor_rates(near, goal[parts] - built.parts_at(near))
+    except ParapodError:
+        return None
     off = np.abs(went - foreseen) / built.scale
-    if (off > _JUMP + 0.5 * np.abs(foreseen) / built.scale).any():
-        raise ScenarioError("the motors would have to jump, from one way to get there to another")
-    return q
+    is_jump = (off > _JUMP + 0.5 * np.abs(foreseen) / built.scale).any()
+    return None if is_jump else q
 
 
 def smooth_path(times: list[float], poses: list[Array]) -> PiecewisePolynomial:
@@ -283,7 +283,11 @@ def _looked_at(
         goal = np.full(len(PARTS), np.nan)
         goal[list(built.parts)] = path.value(time).ravel()
         try:
-            q = _assembled(built, goal, q)
+            ahead = _next(built, goal, q)
+            if ahead is None:
+                mechanism.inverse(built.frame, goal, q)  # which says why, where there is no pose
+                raise ScenarioError("a motor would have to jump")
+            q = ahead
             rates.append(built.motor_rates(q, speeds.value(time).ravel()))
         except ParapodError as error:
             raise ScenarioError(

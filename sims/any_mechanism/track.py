@@ -28,10 +28,10 @@ from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout, Row
 from parapod.sims.lab.run import Run, realtime_metric
-from parapod.sims.lab.runner import make_viewer
+from parapod.sims.lab.runner import Runner, make_viewer
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
-from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import value_of
 from parapod.systems.mechanism.coordinates import PARTS, part_unit
 from parapod.systems.mechanism.statics import motor_forces
@@ -94,6 +94,21 @@ class MechanismTrack(LoopExperiment[MechanismScenario, Run]):
     def duration(self, scenario: MechanismScenario) -> float:
         """Until the frame has stood a while [s]."""
         return scenario.way.duration
+
+    def run(self, scenario: MechanismScenario, runner: Runner) -> Run:
+        """See `LoopExperiment`.
+
+        Raises:
+            ParapodError: bodies of a file that Drake cannot simulate.
+        """
+        try:
+            return super().run(scenario, runner)
+        except RuntimeError as error:
+            reason, *_ = str(error).partition(". ")
+            raise ParapodError(
+                f"the bodies of {scenario.machine.path.name} cannot be simulated so: {reason}; "
+                "plant.time_step may be too long, or the backend must be kinematic"
+            ) from error
 
     def operated(
         self, scenario: MechanismScenario, controls: Any, meshcat: Meshcat | None = None
