@@ -228,9 +228,9 @@ def _reached(built: BuiltMechanism, part: int, way: float, near: Array) -> Array
 
 
 def _next(built: BuiltMechanism, goal: Array, near: Array) -> Array | None:
-    """Positions (q) with which the frame is at a goal, next to others; None where there are none.
+    """Positions (q) that bring the frame to a goal from those near by; None: it cannot get there.
 
-    Newton's method alone finds them, and motors do not jump from one way to get there to another.
+    Newton's method alone finds them. Motors that would jump to another branch do not count.
     """
     mechanism, parts = built.mechanism, list(built.parts)
     (q,), (is_closed,) = mechanism.inverse_rows(built.frame, goal[np.newaxis], near)
@@ -285,7 +285,7 @@ def _looked_at(
         try:
             ahead = _next(built, goal, q)
             if ahead is None:
-                mechanism.inverse(built.frame, goal, q)  # which says why, where there is no pose
+                mechanism.inverse(built.frame, goal, q)  # raises with the reason, if out of reach
                 raise ScenarioError("a motor would have to jump")
             q = ahead
             rates.append(built.motor_rates(q, speeds.value(time).ravel()))

@@ -316,7 +316,7 @@ def broken_by(outcome: Outcome, bounds: Sequence[str] = ()) -> tuple[str, ...]:
     for key in bounds:
         if key not in bounded:
             raise ScenarioError(
-                f"bounds: there is no bound of {quoted(key)}; there are: {', '.join(bounded)}",
+                f"bounds: {quoted(key)} has no bound; those that have one: {', '.join(bounded)}",
                 "bounds",
             )
     return tuple(

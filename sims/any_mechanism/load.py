@@ -14,19 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.diagrams.any_mechanism.design import BuiltMechanism, MechanismDesign
-from parapod.diagrams.any_mechanism.machine import MECHANISM
 from parapod.diagrams.any_mechanism.scenario import (
     MULTIBODY,
     MechanismPlantScenario,
     MechanismScenario,
 )
 from parapod.diagrams.any_mechanism.track import TrackScenario, Waypoint, farthest
-from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.disturbances import Weight
 from parapod.diagrams.machine import ControlScenario
 from parapod.sims.any_mechanism.sheet import largest_mass
-from parapod.sims.any_mechanism.track import MechanismTrack
-from parapod.sims.lab.experiment import LoopExperiment
+from parapod.sims.any_mechanism.track import MechanismExperiment
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
@@ -69,11 +66,10 @@ class MechanismLoadScenario(Schema):
     control: ControlScenario = field(default_factory=ControlScenario)
 
 
-class MechanismLoad(LoopExperiment[MechanismLoadScenario, Run]):
+class MechanismLoad(MechanismExperiment[MechanismLoadScenario]):
     """Puts the mass on, and takes the forces once it is at rest."""
 
     schema = MechanismLoadScenario
-    machine = MECHANISM
     backends = (MULTIBODY,)
     signals = ("motors.position", "truth.motor_force", "truth.pose", "truth.loop_error")
     takes = "5 s"
@@ -96,21 +92,9 @@ class MechanismLoad(LoopExperiment[MechanismLoadScenario, Run]):
             disturbances=[weight],
         )
 
-    def loop(self, scenario: MechanismLoadScenario, **options: Any) -> ClosedLoop[Any]:
-        """The mechanism at home, with the mass to come."""
-        return ClosedLoop(MECHANISM, self.machine_scenario(scenario), **options)
-
-    def structure(self, scenario: MechanismLoadScenario) -> str:
-        """See `LoopExperiment`."""
-        return MECHANISM.structure(self.machine_scenario(scenario))
-
     def duration(self, scenario: MechanismLoadScenario) -> float:
         """Until all is at rest [s]."""
         return _END
-
-    def scene(self, scenario: MechanismLoadScenario) -> Any:
-        """A scene around the mechanism."""
-        return MechanismTrack(self.name).scene(self.machine_scenario(scenario))
 
     def measure(self, scenario: MechanismLoadScenario, run: Run) -> Iterator[Metric]:
         """Forces of bodies and of statics, and the mass that could be carried."""

@@ -23,7 +23,7 @@ from pydrake.systems.framework import Context
 from parapod.diagrams.any_mechanism.controller import make_controls
 from parapod.diagrams.any_mechanism.machine import MECHANISM
 from parapod.diagrams.any_mechanism.ports import PART
-from parapod.diagrams.any_mechanism.scenario import MechanismScenario
+from parapod.diagrams.any_mechanism.scenario import MULTIBODY, MechanismScenario
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.sims.lab.experiment import LoopExperiment
 from parapod.sims.lab.panel import Readout, Row
@@ -53,10 +53,52 @@ _EVERY = 10
 _AWAY = np.array([1.7, -2.0, 1.0])
 
 
-class MechanismTrack(LoopExperiment[MechanismScenario, Run]):
-    """Leads a frame and looks how far it is from where it should be."""
+class MechanismExperiment[S](LoopExperiment[S, Run]):
+    """An experiment with a mechanism, whose bodies are those of any file."""
 
     machine = MECHANISM
+
+    def loop(self, scenario: S, **options: Any) -> ClosedLoop[Any]:
+        """Builds the closed loop of the mechanism."""
+        return ClosedLoop(MECHANISM, self.machine_scenario(scenario), **options)
+
+    def structure(self, scenario: S) -> str:
+        """See `LoopExperiment`."""
+        return MECHANISM.structure(self.machine_scenario(scenario))
+
+    def run(self, scenario: S, runner: Runner) -> Run:
+        """See `LoopExperiment`.
+
+        Raises:
+            ParapodError: bodies that Drake cannot simulate with these steps.
+        """
+        settings = self.machine_scenario(scenario)
+        try:
+            return super().run(scenario, runner)
+        except RuntimeError as error:
+            if settings.backend != MULTIBODY:
+                raise
+            reason, *_ = str(error).partition(". ")
+            raise ParapodError(
+                f"the bodies of {settings.machine.path.name} cannot be simulated so: {reason}; "
+                "plant.time_step may be too long, or the backend must be kinematic"
+            ) from error
+
+    def scene(self, scenario: S) -> Meshcat:
+        """A scene around the mechanism."""
+        built = self.machine_scenario(scenario).machine.built
+        mechanism, context = built.mechanism, built.mechanism.plant.CreateDefaultContext()
+        mechanism.plant.SetPositions(context, built.q)
+        poses: Any = mechanism.plant.get_body_poses_output_port().Eval(context)
+        places = np.array([pose.translation() for pose in poses[1:]])
+        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        return make_viewer(middle + _AWAY * mechanism.size, middle)
+
+
+class MechanismTrack(MechanismExperiment[MechanismScenario]):
+    """Leads a frame and looks how far it is from where it should be."""
+
+    schema = MechanismScenario
     backends = MECHANISM.backends
     signals = (
         *("pose_desired_state", "motor_desired_state", "pose_estimated"),
@@ -95,37 +137,12 @@ class MechanismTrack(LoopExperiment[MechanismScenario, Run]):
         """Until the frame has stood a while [s]."""
         return scenario.way.duration
 
-    def run(self, scenario: MechanismScenario, runner: Runner) -> Run:
-        """See `LoopExperiment`.
-
-        Raises:
-            ParapodError: bodies of a file that Drake cannot simulate.
-        """
-        try:
-            return super().run(scenario, runner)
-        except RuntimeError as error:
-            reason, *_ = str(error).partition(". ")
-            raise ParapodError(
-                f"the bodies of {scenario.machine.path.name} cannot be simulated so: {reason}; "
-                "plant.time_step may be too long, or the backend must be kinematic"
-            ) from error
-
     def operated(
         self, scenario: MechanismScenario, controls: Any, meshcat: Meshcat | None = None
     ) -> ClosedLoop[Any]:
         """The mechanism in a person's hands."""
         source = make_controls(scenario, controls)
         return ClosedLoop(MECHANISM, scenario, sources=(source,), meshcat=meshcat, log=())
-
-    def scene(self, scenario: MechanismScenario) -> Meshcat:
-        """A scene around the mechanism."""
-        built = scenario.machine.built
-        mechanism, context = built.mechanism, built.mechanism.plant.CreateDefaultContext()
-        mechanism.plant.SetPositions(context, built.q)
-        poses: Any = mechanism.plant.get_body_poses_output_port().Eval(context)
-        places = np.array([pose.translation() for pose in poses[1:]])
-        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
-        return make_viewer(middle + _AWAY * mechanism.size, middle)
 
     def read_out(self, loop: ClosedLoop[Any], root_context: Context) -> Readout:
         """Coordinates of the frame, as they are asked for and as they are."""

@@ -304,7 +304,7 @@ class Mechanism:
         Returns:
             As many places in x, y, z, roll, pitch, yaw as the frame has freedoms; where there is
             a choice, those that move the most. Parts that also move without a motor, such as the
-            roll of a rod between two ball joints, are none of them.
+            roll of a rod between two ball joints, are left out.
         """
         if frame not in self._parts:
             moves = self.frame_jacobian(frame, self.home)

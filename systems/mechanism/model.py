@@ -217,7 +217,7 @@ def _readable(model: Model) -> tuple[str | None, list[Drawing]]:
 
 
 def _efforts(root: ElementTree.Element) -> dict[str, float]:
-    """Largest forces of a URDF's joints, by their names; those of zero are none."""
+    """Largest forces of a URDF's joints, by their names; an effort of zero is left out."""
     limits = ((joint.get("name", ""), joint.find("limit")) for joint in root.iter("joint"))
     efforts = ((name, limit.get("effort", "")) for name, limit in limits if limit is not None)
     numbers = {name: float(effort) for name, effort in efforts if _NUMBER.fullmatch(effort)}

@@ -80,7 +80,7 @@ def test_bounds_that_are_named_count_alone_and_errors_always():
     assert broken_by(Outcome(0, metrics)) == ("tilt = 2 deg for <= 1",)
     assert broken_by(Outcome(0, metrics), ("lift",)) == ()
     assert broken_by(Outcome(0, error="it falls"), ("lift",)) == ("it falls",)
-    with pytest.raises(ScenarioError, match="no bound of 'x'; there are: tilt, lift"):
+    with pytest.raises(ScenarioError, match="'x' has no bound; those that have one: tilt, lift"):
         broken_by(Outcome(0, metrics), ("x",))
 
 
@@ -107,8 +107,8 @@ def test_what_cannot_be_pushed_is_refused_before_anything_runs(console):
         console, experiment="bench-walk", backend="mujoco", settings=[]
     )
     assert "job.nothing" in refused(console, settings=["job.nothing=1"])
-    nobody = {"experiment": "bench-walk", "backend": "multibody", "settings": [], "body": "sail"}
-    assert "'sail'" in refused(console, **nobody)
+    unknown = {"experiment": "bench-walk", "backend": "multibody", "settings": [], "body": "sail"}
+    assert "'sail'" in refused(console, **unknown)
 
 
 def test_an_experiment_that_holds_no_bound_alone_is_not_pushed(console):
@@ -117,4 +117,4 @@ def test_an_experiment_that_holds_no_bound_alone_is_not_pushed(console):
 
 
 def test_a_bound_that_no_run_has_is_refused(console):
-    assert "no bound of 'joy'" in refused(console, bounds=["joy"])
+    assert "'joy' has no bound" in refused(console, bounds=["joy"])
