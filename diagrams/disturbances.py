@@ -1,15 +1,17 @@
-"""Disturbances of simulated machines: their courses over time, and forces on any body."""
+"""Disturbances of simulated machines: forces on any body and ground that gives, over time."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Multiplexer, TrajectorySource
+from pydrake.systems.primitives import Adder, MatrixGain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.ports import Port, Truth
+from parapod.diagrams.wiring import add, connect, joined
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Variant, quantity
@@ -107,7 +109,9 @@ class Push(_BodyForce):
 
 @dataclass
 class Weight(_BodyForce):
-    """Mass that is put on a body, and taken off again: its weight, and not its inertia.
+    """Mass that is put on a body, and taken off again.
+
+    Rigid bodies have it as a point mass, with its inertia; statics bear its weight.
 
     Attributes:
         duration: time in which the body takes it over, and in which it is taken off [s].
@@ -213,18 +217,36 @@ class Wind(_BodyForce):
 type BodyForce = Push | Weight | Cable | Wind
 FORCES = (Push, Weight, Cable, Wind)
 
+
+@dataclass
+class Subsidence(Disturbance):
+    """Ground that gives way under a foot, and stays where it is then.
+
+    Attributes:
+        foot: number of the foot, from 1 on.
+        depth_mm: way down along the ground's normal [mm]; below zero it rises.
+    """
+
+    foot: int = quantity(1, 1, 100)
+    depth_mm: float = quantity(10.0, -50.0, 50.0)
+
+
 # Kinds of disturbances that act on a machine, by the backends whose plants give way to them.
 type Acting = Mapping[str, tuple[type[Disturbance], ...]]
 ON_BODIES: Acting = {"multibody": FORCES, "mujoco": FORCES}
+ON_BODIES_AND_GROUND: Acting = dict.fromkeys(ON_BODIES, (*FORCES, Subsidence))
 
 
-def check_disturbances(disturbances: Sequence[Disturbance], backend: str, acting: Acting) -> None:
+def check_disturbances(
+    disturbances: Sequence[Disturbance], backend: str, acting: Acting, feet: int = 0
+) -> None:
     """Refuses disturbances that do not act on what is behind the ports.
 
     Args:
         disturbances: disturbances of the scenario.
         backend: its backend.
         acting: those that act on the machine.
+        feet: number of its feet.
 
     Raises:
         ScenarioError: names the key, and what is admissible.
@@ -234,7 +256,7 @@ def check_disturbances(disturbances: Sequence[Disturbance], backend: str, acting
     key, kinds = "disturbances", acting.get(backend, ())
     if not kinds:
         *first, last = acting
-        backends = f"{', '.join(first)} or {last}"
+        backends = " or ".join(part for part in (", ".join(first), last) if part)
         raise ScenarioError(
             f"{key} must be empty with the backend '{backend}': they act with {backends}", key
         )
@@ -250,18 +272,107 @@ def check_disturbances(disturbances: Sequence[Disturbance], backend: str, acting
             if each.until < least:
                 key = f"{key}.{i}.until"
                 raise ScenarioError(f"{key} = {each.until:g} s must be {least:g} s or later", key)
+        if isinstance(each, Subsidence) and each.foot > feet:
+            key = f"{key}.{i}.foot"
+            has = f"has feet 1 to {feet}" if feet else "stands on no feet of its own"
+            raise ScenarioError(f"{key} = {each.foot}: the machine {has}", key)
 
 
-def add_courses(builder: DiagramBuilder, forces: Sequence[BodyForce], name: str) -> OutputPort:
-    """Adds courses of forces on bodies: moment and force of each (6k), by the world's axes.
+# Signals of disturbances that are plotted.
+SHOWN = ("truth.push_force", "truth.ground_rise")
+
+
+def ports_of(disturbances: Sequence[Disturbance], feet: int) -> tuple[Port, ...]:
+    """What a simulated station shows of its disturbances; see `add_truth`.
+
+    Args:
+        disturbances: disturbances of the scenario.
+        feet: number of the machine's feet.
+    """
+    forces = [
+        f"{each.tag().lower()} {i}"
+        for i, each in enumerate(disturbances, start=1)
+        if isinstance(each, FORCES)
+    ]
+    names = tuple(f"{force} {axis}" for force in forces for axis in "xyz")
+    ports = []
+    if names:
+        size = len(names)
+        force, moment = "disturbing forces, by the world's axes", "moments besides"
+        ports.append(Truth("push_force", size, "N", force, elements=names))
+        ports.append(Truth("push_moment", size, "N m", moment, elements=names))
+    if any(isinstance(each, Subsidence) for each in disturbances):
+        ports.append(Truth("ground_rise", feet, "m", "rise of the ground under each foot"))
+    return tuple(ports)
+
+
+def add_truth(
+    builder: DiagramBuilder, disturbances: Sequence[Disturbance]
+) -> dict[str, OutputPort]:
+    """Adds what `ports_of` declares, by name, for disturbances whose courses have been added."""
+    shown: dict[str, OutputPort] = {}
+    courses = [port for _, port in courses_of(builder, disturbances)]
+    if courses:
+        both = joined(builder, courses, "pushes_shown")
+        parts = (("push_moment", (1.0, 0.0)), ("push_force", (0.0, 1.0)))
+        for name, part in parts:
+            select = np.kron(np.eye(len(courses)), np.kron(np.array([part]), np.eye(3)))
+            shown[f"truth.{name}"] = _times(builder, select, both, name)
+    rising = rising_ground(builder, disturbances)
+    if rising is not None:
+        half = rising.size() // 2
+        shown["truth.ground_rise"] = _times(builder, np.eye(half, 2 * half), rising, "ground_rise")
+    return shown
+
+
+def _times(builder: DiagramBuilder, matrix: Any, port: OutputPort, name: str) -> OutputPort:
+    gain = add(builder, MatrixGain(matrix), name)
+    connect(builder, port, gain.get_input_port())
+    return gain.get_output_port()
+
+
+def courses_of(
+    builder: DiagramBuilder, disturbances: Sequence[Disturbance]
+) -> list[tuple[BodyForce, OutputPort]]:
+    """Forces among disturbances with their courses: moment and force (6), by the world's axes.
+
+    Sources of these are added once.
 
     Args:
         builder: builder of the station.
-        forces: the forces, one or more.
-        name: name of the system that gives them [N m, N].
+        disturbances: disturbances of the scenario.
     """
-    joint = add(builder, Multiplexer([6] * len(forces)), name)
-    for i, force in enumerate(forces):
-        source = add(builder, TrajectorySource(force.course()), f"{name}_{i + 1}")
-        connect(builder, source.get_output_port(), joint.get_input_port(i))
-    return joint.get_output_port()
+    courses = []
+    for i, each in enumerate(disturbances, start=1):
+        if isinstance(each, FORCES):
+            name = f"disturbance_{i}"
+            if not builder.HasSubsystemNamed(name):
+                add(builder, TrajectorySource(each.course()), name)
+            courses.append((each, builder.GetSubsystemByName(name).get_output_port()))
+    return courses
+
+
+def rising_ground(
+    builder: DiagramBuilder, disturbances: Sequence[Disturbance], feet: int = 0
+) -> OutputPort | None:
+    """Rise of the ground under each foot, and its rate (2n) [m, m/s]; None: it does not move.
+
+    Args:
+        builder: builder of the station; sources are added once.
+        disturbances: disturbances of the scenario.
+        feet: number of the machine's feet n; 0: the sources are there.
+    """
+    name, sources = "rising_ground", []
+    if builder.HasSubsystemNamed(name):
+        return builder.GetSubsystemByName(name).get_output_port()
+    for i, each in enumerate(disturbances, start=1):
+        if isinstance(each, Subsidence):
+            rise = [0.0] * feet
+            rise[each.foot - 1] = -1e-3 * each.depth_mm
+            sources.append(add(builder, TrajectorySource(each.step(rise), 1), f"disturbance_{i}"))
+    if not sources:
+        return None
+    total = add(builder, Adder(len(sources), 2 * feet), name)
+    for i, source in enumerate(sources):
+        connect(builder, source.get_output_port(), total.get_input_port(i))
+    return total.get_output_port()

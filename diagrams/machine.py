@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, System
 
-from parapod.diagrams.disturbances import ON_BODIES, Acting, check_disturbances
+from parapod.diagrams.disturbances import ON_BODIES, SHOWN, Acting, check_disturbances, ports_of
 from parapod.diagrams.faults import FaultTarget, targets_of
 from parapod.diagrams.own_controller import OWN, check_period, own_name, own_system
 from parapod.diagrams.plots import Limits
@@ -98,10 +98,13 @@ class Machine[S]:
             over from another scenario; nothing that differs in these alone is built again.
         disturbances: kinds of disturbances that act on it, by simulated backends; a scenario
             without the key `disturbances` has none.
+        feet: number of its feet whose ground may give way; 0: there are none.
         over_rows: backends whose plants have laws over rows, with the number of runs that are
             simulated together unless another one is asked for: more are no faster.
         variant: attributes that depend on the scenario, by their names; what is declared here is
             then that of the default scenario. Names and units of ports are always the same.
+
+    A station also has the ports of its scenario's disturbances, see `disturbances.ports_of`.
     """
 
     name: str
@@ -120,6 +123,7 @@ class Machine[S]:
     limits: Callable[[S], Limits] = lambda scenario: {}
     resets: Callable[[S], tuple[str, ...]] = lambda scenario: ()
     disturbances: Acting = field(default_factory=lambda: ON_BODIES)
+    feet: int = 0
     over_rows: Mapping[str, int] = field(default_factory=lambda: dict(_OVER_ROWS))
     variant: Callable[[S], Mapping[str, Any]] | None = None
 
@@ -130,11 +134,13 @@ class Machine[S]:
             ScenarioError: disturbances that do not act on it.
         """
         settings: Any = scenario
+        machine = self
+        if self.variant is not None:
+            machine = replace(self, **self.variant(scenario), variant=None)
         disturbances = getattr(scenario, "disturbances", ())
-        check_disturbances(disturbances, settings.backend, self.disturbances)
-        if self.variant is None:
-            return self
-        return replace(self, **self.variant(scenario), variant=None)
+        check_disturbances(disturbances, settings.backend, machine.disturbances, machine.feet)
+        more = [p for p in ports_of(disturbances, machine.feet) if p.name not in machine.table]
+        return replace(machine, ports=(*machine.ports, *more)) if more else machine
 
     def of(self, scenario: S) -> "Machine[S]":
         """Former name of `for_scenario`."""
@@ -254,6 +260,11 @@ class Machine[S]:
     def targets(self) -> dict[str, FaultTarget]:
         """Signals into which faults may be injected, by the names that scenarios give them."""
         return targets_of(tuple(self.table.values()))
+
+    @property
+    def plots(self) -> tuple[str, ...]:
+        """Usual plots of a recording, those of its view and what disturbed it."""
+        return (*self.view.plots, *SHOWN)
 
     @property
     def backends(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain, ZeroOrderHold
 
 from parapod.diagrams.simulators import ErrorControl
-from parapod.diagrams.wiring import add, connect, split_states
+from parapod.diagrams.wiring import add, connect, first_of, split_states
 from parapod.systems.actuators.holding_force import HoldingForce
 from parapod.systems.actuators.pi_servo import PiServo
 from parapod.systems.actuators.position_servo import PositionServo
@@ -122,7 +122,7 @@ def drive_joints(
 
     Args:
         builder: builder of the diagram that holds the plant.
-        plant: finalized; its actuators have gains, and are those of the instances alone.
+        plant: finalized; its actuators have gains, and those of the instances come first.
         instances: model instances whose joints are driven; all have the same number of joints.
         desired_state: positions and then velocities of all servos at the end of their step, see
             `arrival`.
@@ -132,9 +132,9 @@ def drive_joints(
     parts = split_states(builder, "leg_states", desired_state, len(instances))
     for port, instance in zip(parts, instances, strict=True):
         lead_joints(builder, plant, instance, port)
-    hold = ZeroOrderHold(sampled_every or step, plant.num_actuators())
-    holding = add(builder, hold, "holding_force")
-    force = plant.get_net_actuation_output_port()
+    count = sum(plant.num_actuators(instance) for instance in instances)
+    holding = add(builder, ZeroOrderHold(sampled_every or step, count), "holding_force")
+    force = first_of(builder, plant.get_net_actuation_output_port(), count, "efforts")
     if plant.time_step() == 0.0:
         force = mean_force(builder, plant, instances, desired_state, step)
     connect(builder, force, holding.get_input_port())

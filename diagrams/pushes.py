@@ -1,7 +1,8 @@
 """Bodies of simulated machines pushed by a scenario, by tools, and by the mouse in Meshcat."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,19 @@ from pydrake.common.value import Value
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from parapod.diagrams.disturbances import FORCES, BodyForce, Disturbance, add_courses
+from parapod.diagrams.disturbances import BodyForce, Disturbance, Weight, courses_of
 from parapod.diagrams.drawing import NO_LCM
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import add, connect, joined
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.mechanism.parts import bodies_by_name, named
 from parapod.systems.physics.description import bodies_of
 from parapod.systems.physics.mujoco.plant import MujocoPlant
+from parapod.systems.physics.mujoco.pushes import Place
+from parapod.systems.physics.point_masses import Points
 from parapod.systems.physics.push_forces import PushForces
 
 # Stiffness of the mouse's spring by the mass of the body that it pulls [1/s^2].
@@ -34,56 +38,95 @@ _RATE = 30.0  # [Hz]
 
 @dataclass(frozen=True)
 class Pushed:
-    """Pushes on bodies of a plant.
+    """Pushes on bodies of a plant, and masses that are put on them.
 
     Attributes:
         bodies: bodies (k) that are pushed.
         places: places (k, 3) from their origins, by their axes [m].
         pushes: moment and force of each (6k), by the world's axes [N m, N].
+        weights: indices of those that are weights of masses, which the bodies have.
         largest: largest force of all [N].
     """
 
     bodies: tuple[RigidBody, ...]
     places: tuple[tuple[float, float, float], ...]
     pushes: OutputPort
+    weights: tuple[int, ...]
     largest: float
+
+    @cached_property
+    def points(self) -> Points:
+        """The masses."""
+        return Points([(i, self.bodies[i], self.places[i]) for i in self.weights])
 
 
 def pushes_in(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
     disturbances: Sequence[Disturbance],
-    usual: RigidBody | None = None,
+    usual: RigidBody,
+    exchanged: Sequence[RigidBody] = (),
+    usual_is_pushed: bool = True,
 ) -> Pushed | None:
-    """Adds courses of the pushes of a scenario; None if it has none.
+    """Adds courses of the pushes of a scenario, and of masses; None if it has none.
 
     Args:
         builder: builder of the station.
         plant: finalized.
         disturbances: disturbances of the scenario, of which the pushes are taken.
-        usual: body of pushes that name none; None: these are left out.
+        usual: body of those that name none.
+        exchanged: bodies whose inertia is that of a context, so that they take no mass.
+        usual_is_pushed: false if pushes that name no body act otherwise, masses excepted.
 
     Raises:
-        ScenarioError: a body that does not exist, or cannot move.
+        ScenarioError: a body that does not exist, or cannot move, or cannot lose so much.
     """
     by_name = bodies_by_name(plant)
-    pushes: list[BodyForce] = []
-    bodies = []
-    for i, each in enumerate(disturbances):
-        if not isinstance(each, FORCES):
-            continue
-        if each.body:
-            bodies.append(named(each.body, by_name, "body", f"disturbances.{i}.body"))
-        elif usual is not None:
-            bodies.append(usual)
+    forces: list[tuple[BodyForce, OutputPort]] = []
+    bodies, weights = [], []
+    for force, course in courses_of(builder, disturbances):
+        is_mass, key = isinstance(force, Weight), f"disturbances.{disturbances.index(force)}"
+        if force.body:
+            body = named(force.body, by_name, "body", f"{key}.body")
+        elif is_mass or usual_is_pushed:
+            body = usual
         else:
             continue
-        pushes.append(each)
-    if not pushes:
+        if is_mass:
+            if body in exchanged:
+                raise ScenarioError(
+                    f"{key}.body: the mass of {body.name()} is that of another key; admissible: "
+                    f"another body, such as {usual.name()}",
+                    f"{key}.body",
+                )
+            weights.append(len(forces))
+        forces.append((force, course))
+        bodies.append(body)
+    if not forces:
         return None
-    largest = max(push.largest for push in pushes)
-    places = tuple(push.place for push in pushes)
-    return Pushed(tuple(bodies), places, add_courses(builder, pushes, "body_forces"), largest)
+    largest = max(force.largest for force, _ in forces)
+    places = tuple(force.place for force, _ in forces)
+    both = joined(builder, [course for _, course in forces], "body_forces")
+    pushed = Pushed(tuple(bodies), places, both, tuple(weights), largest)
+    _check_losses(pushed, disturbances)
+    return pushed
+
+
+def _check_losses(pushed: Pushed, disturbances: Sequence[Disturbance]) -> None:
+    """Refuses masses that a body does not have to lose.
+
+    Raises:
+        ScenarioError: names the body.
+    """
+    masses = [each.mass_kg for each in disturbances if isinstance(each, Weight)]
+    lost = np.minimum(masses, 0.0)
+    for body, inertia in pushed.points.inertias(lost):
+        if not inertia.IsPhysicallyValid():
+            raise ScenarioError(
+                f"disturbances: {body.name()}, of {body.default_mass():g} kg, cannot lose "
+                f"{-lost.sum():g} kg there",
+                "disturbances",
+            )
 
 
 def push_bodies(
@@ -93,7 +136,7 @@ def push_bodies(
     pushed: Pushed | None,
     meshcat: Meshcat | None,
     others: Sequence[OutputPort] = (),
-) -> None:
+) -> Callable[[Context], None] | None:
     """Has a plant of Drake's take pushes, other forces, and the mouse in Meshcat.
 
     Args:
@@ -104,12 +147,16 @@ def push_bodies(
         meshcat: scene in which pushes are arrows, and the mouse drags bodies with Ctrl held; None
             for neither.
         others: other forces, as the plant takes them.
+
+    Returns:
+        What gives bodies their masses between two steps, see `Behind.between_steps`; None if none
+        are put on them.
     """
     applied = plant.get_applied_spatial_force_input_port()
     forces = list(others)
     if pushed is not None:
         indices = [body.index() for body in pushed.bodies]
-        system = add(builder, PushForces(indices, pushed.places))
+        system = add(builder, PushForces(indices, pushed.places, pushed.weights))
         connect(builder, pushed.pushes, system.get_input_port())
         forces.append(system.get_output_port())
     draw_pushes(builder, plant, pushed, plant.get_body_poses_output_port(), meshcat)
@@ -136,14 +183,41 @@ def push_bodies(
         forces = [joined.get_output_port()]
     for force in forces:
         connect(builder, force, applied)
+    return None if pushed is None or not pushed.weights else _weighing(plant, pushed)
 
 
-def places_of(pushed: Pushed | None) -> list[tuple[BodyIndex, tuple[float, float, float]]]:
+def _weighing(plant: MultibodyPlant, pushed: Pushed) -> Callable[[Context], None]:
+    """What gives bodies of a plant of Drake's the masses that are on them."""
+    source: Any = pushed.pushes.get_system()
+
+    def weigh(root_context: Context) -> None:
+        pushes: Any = pushed.pushes.Eval(source.GetMyContextFromRoot(root_context))
+        context = plant.GetMyMutableContextFromRoot(root_context)
+        for body, inertia in pushed.points.inertias(pushed.points.masses(pushes)):
+            now = body.CalcCenterOfMassInBodyFrame(context)
+            if body.get_mass(context) != inertia.get_mass() or (now != inertia.get_com()).any():
+                body.SetSpatialInertiaInBodyFrame(context, inertia)
+
+    return weigh
+
+
+def after[C](*calls: Callable[[C], None] | None) -> Callable[[C], None] | None:
+    """Calls one after the other, of which there may be none."""
+    real = [call for call in calls if call is not None]
+
+    def call_all(argument: C) -> None:
+        for call in real:
+            call(argument)
+
+    return call_all if real else None
+
+
+def places_of(pushed: Pushed | None) -> list[Place]:
     """Bodies that are pushed and the places on them, as a `MujocoPlant` takes them."""
     if pushed is None:
         return []
-    indices = (body.index() for body in pushed.bodies)
-    return list(zip(indices, pushed.places, strict=True))
+    parts = zip(pushed.bodies, pushed.places, strict=True)
+    return [Place(body, place, i in pushed.weights) for i, (body, place) in enumerate(parts)]
 
 
 def push_mujoco(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, PassThrough
 
+from parapod.diagrams.disturbances import add_truth
 from parapod.diagrams.ports import Behind, Port
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.pi_servo import PiServo
@@ -63,6 +64,7 @@ class Simulation[S, B]:
         self.inputs: dict[str, InputPort] = {}
         self.outputs: dict[str, OutputPort] = {}
         self._plant: Plant[B] | None = None
+        self._disturbances = getattr(scenario, "disturbances", ())
 
     @property
     def plant(self) -> Plant[B]:
@@ -156,7 +158,7 @@ class Simulation[S, B]:
     def behind(
         self, parts: Sequence[str], periods: Sequence[float] = (), delays: Sequence[float] = ()
     ) -> Behind:
-        """The backend behind the ports; adds `status.*` of parts that never fail.
+        """The backend behind the ports; adds `status.*` and disturbances.
 
         Args:
             parts: the machine's parts.
@@ -167,6 +169,7 @@ class Simulation[S, B]:
         status = add(self.builder, DeviceStatus(tuple(parts), periods, delays))
         for name in ("age", "fault"):
             self.outputs[f"status.{name}"] = status.GetOutputPort(name)
+        self.outputs |= add_truth(self.builder, self._disturbances)
         between_steps = self._plant.between_steps if self._plant is not None else None
         return Behind(
             self.inputs, self.outputs, self.reset, between_steps=between_steps, handle=self

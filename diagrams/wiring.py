@@ -17,6 +17,7 @@ from pydrake.systems.primitives import (
     ConstantVectorSource,
     Demultiplexer,
     MatrixGain,
+    Multiplexer,
     TrajectorySource,
 )
 from pydrake.trajectories import Trajectory
@@ -223,6 +224,23 @@ def sum_of(builder: DiagramBuilder, ports: Sequence[OutputPort], name: str) -> O
     for i, port in enumerate(ports):
         connect(builder, port, total.get_input_port(i))
     return total.get_output_port()
+
+
+def joined(builder: DiagramBuilder, ports: Sequence[OutputPort], name: str) -> OutputPort:
+    """All elements of ports at one, one port or more."""
+    joint = add(builder, Multiplexer([port.size() for port in ports]), name)
+    for i, port in enumerate(ports):
+        connect(builder, port, joint.get_input_port(i))
+    return joint.get_output_port()
+
+
+def first_of(builder: DiagramBuilder, port: OutputPort, count: int, name: str) -> OutputPort:
+    """The first elements at a port; the port itself if it has no others."""
+    if port.size() == count:
+        return port
+    parts = add(builder, Demultiplexer([count, port.size() - count]), name)
+    connect(builder, port, parts.get_input_port())
+    return parts.get_output_port(0)
 
 
 def split_states(

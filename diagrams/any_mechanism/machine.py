@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from parapod.diagrams.any_mechanism.controller import make_controller, make_source
+from parapod.diagrams.any_mechanism.design import GROUND
 from parapod.diagrams.any_mechanism.plants import add_bodies, add_kinematics, mirror
 from parapod.diagrams.any_mechanism.ports import PART, PARTS_OF_STATION, ports_of
 from parapod.diagrams.any_mechanism.real import make_real
 from parapod.diagrams.any_mechanism.scenario import KINEMATIC, MULTIBODY, MechanismScenario
 from parapod.diagrams.any_mechanism.view import VIEW
-from parapod.diagrams.disturbances import FORCES
+from parapod.diagrams.disturbances import FORCES, Subsidence
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
 
@@ -35,6 +36,7 @@ def _variant(scenario: MechanismScenario) -> Mapping[str, Any]:
         "ports": ports_of(built),
         "axes": {PART: built.motors.names},
         "real": make_real(scenario),
+        "feet": len(scenario.machine.feet_mm) if scenario.machine.base == GROUND else 0,
     }
 
 
@@ -51,7 +53,7 @@ MECHANISM = Machine(
     view=VIEW,
     limits=_limits,
     resets=lambda scenario: ("seed",),
-    disturbances={MULTIBODY: FORCES},
+    disturbances={MULTIBODY: (*FORCES, Subsidence)},
     over_rows={},
     variant=_variant,
     **_variant(MechanismScenario()),

@@ -28,6 +28,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, 
 from parapod.diagrams.any_mechanism.design import GROUND, BuiltMechanism, MechanismDesign
 from parapod.diagrams.any_mechanism.ports import PART, PARTS_OF_STATION
 from parapod.diagrams.any_mechanism.scenario import MechanismScenario
+from parapod.diagrams.disturbances import rising_ground
 from parapod.diagrams.drawing import draw_model, publish, remove_visuals
 from parapod.diagrams.multibody import (
     add_ground,
@@ -37,6 +38,7 @@ from parapod.diagrams.multibody import (
     lead_joints,
     mean_force,
 )
+from parapod.diagrams.pads import PADS, add_pads
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.pushes import push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
@@ -191,11 +193,15 @@ def add_bodies(
     simulation, design = simulation_of(builder, scenario), scenario.machine
     built, settings = design.built, scenario.plant
     plant, scene_graph = add_plant(builder, settings.time_step, "lagged", settings.accuracy)
-    model, base = _add_model(plant, scene_graph, design)
+    feet = len(design.feet_mm)
+    rising = rising_ground(builder, scenario.disturbances, feet)
+    model, base = _add_model(plant, scene_graph, design, rising is not None)
     actuators = _give_gains(plant, model, design)
     _damp_idle(plant, built, design.idle_decay_Hz)
     plant.Finalize()
     _check_masses(plant)
+    if rising is not None:
+        lead_joints(builder, plant, plant.GetModelInstanceByName(PADS), rising)
     to_mechanism = _positions_of(plant, built.mechanism)
     usual = plant.GetDefaultPositions()
     select = to_mechanism[:, : len(usual)]
@@ -209,7 +215,7 @@ def add_bodies(
     _connect_load(drives, builder, force)
     frame = frames_by_name(plant)[built.frame]
     pushed = pushes_in(builder, plant, scenario.disturbances, frame.body())
-    push_bodies(builder, plant, scene_graph, pushed, meshcat)
+    weigh = push_bodies(builder, plant, scene_graph, pushed, meshcat)
     positions = add(builder, MatrixGain(to_mechanism), "positions")
     connect(builder, plant.get_state_output_port(), positions.get_input_port())
     gaps = add(builder, LoopGaps(built.mechanism))
@@ -229,13 +235,13 @@ def add_bodies(
         plant.SetPositions(context, begin_at(scenario))
         plant.SetVelocities(context, np.zeros(plant.num_velocities()))
 
-    simulation.add_plant(Plant(signals, put, model=model))
+    simulation.add_plant(Plant(signals, put, weigh, model))
     simulation.add_current(PART, force, design.force_per_current_N_A)
     return simulation.behind(PARTS_OF_STATION)
 
 
 def _add_model(
-    plant: MultibodyPlant, scene_graph: SceneGraph, design: MechanismDesign
+    plant: MultibodyPlant, scene_graph: SceneGraph, design: MechanismDesign, ground_gives: bool
 ) -> tuple[Model, Frame]:
     """Adds the mechanism, and the ground where it stands on it; returns the base's frame."""
     is_standing = design.base == GROUND
@@ -254,16 +260,20 @@ def _add_model(
         names, key = ", ".join(body.name() for body in (base, *others)), "machine.base"
         raise ScenarioError(f"{key} = {GROUND} needs one base, not {names}", key)
     feet = 1e-3 * np.array(design.feet_mm)
+    balls = []
     for i, foot in enumerate(feet):
         place = RigidTransform(foot + np.array((0.0, 0.0, _FOOT)))
-        ball = Sphere(_FOOT)
-        plant.RegisterCollisionGeometry(base, place, ball, f"foot_{i + 1}", ground_contact())
+        name, material = f"foot_{i + 1}", ground_contact()
+        ball = plant.RegisterCollisionGeometry(base, place, Sphere(_FOOT), name, material)
+        balls.append([ball])
     parser = Parser(plant)
     configure_parser(parser)
     instance = add_ground(parser)
     height = RigidTransform(np.array((0.0, 0.0, feet[:, 2].min())))
     ground = plant.GetFrameByName("ground", instance)
     plant.WeldFrames(plant.world_frame(), ground, height)
+    if ground_gives:
+        add_pads(plant, scene_graph, ground.body(), balls)
     return model, base.body_frame()
 
 

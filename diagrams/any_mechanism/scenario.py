@@ -53,7 +53,8 @@ class MechanismScenario(Schema):
         track: see `TrackScenario`.
         plant: see `MechanismPlantScenario`.
         control: see `ControlScenario`.
-        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`.
+        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`; and
+            ground that gives, `Subsidence`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of motors that
             push. Ones that turn have `Epos2MotorAxes`.
     """

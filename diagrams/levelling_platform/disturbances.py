@@ -1,4 +1,4 @@
-"""Disturbances of a simulated platform: pushes, ground that gives way, a payload at the tip."""
+"""Disturbances of a simulated platform: those of all machines, and a payload at the tip."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,24 +7,18 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from parapod.diagrams.disturbances import FORCES, Disturbance, add_courses
-from parapod.diagrams.wiring import add, sum_of
+from parapod.diagrams.disturbances import (
+    FORCES,
+    Disturbance,
+    Subsidence,
+    Weight,
+    courses_of,
+    rising_ground,
+)
+from parapod.diagrams.wiring import add, joined
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.schema import quantity
 from parapod.systems.levelling_platform.geometry import LEG_COUNT
-
-
-@dataclass
-class Subsidence(Disturbance):
-    """Ground that gives way under a foot, and stays where it is then.
-
-    Attributes:
-        foot: number of the foot, 1 to 4.
-        depth_mm: way down along the ground's normal [mm]; below zero it rises.
-    """
-
-    foot: int = quantity(1, 1, LEG_COUNT)
-    depth_mm: float = quantity(10.0, -50.0, 50.0)
 
 
 @dataclass
@@ -96,31 +90,31 @@ def payload_in(disturbances: Sequence[Disturbance]) -> float:
     return sum(each.mass_kg for each in disturbances if isinstance(each, Payload))
 
 
-def add_disturbances(builder: DiagramBuilder, disturbances: Sequence[Disturbance]) -> Disturbances:
+def add_disturbances(
+    builder: DiagramBuilder, disturbances: Sequence[Disturbance], has_bodies: bool
+) -> Disturbances:
     """Adds sources of their courses over time.
 
     Args:
         builder: builder of the station.
         disturbances: disturbances of the scenario.
+        has_bodies: true if rigid bodies take masses that are put on the platform, see
+            `pushes_in`.
     """
-    pushes = [each for each in disturbances if isinstance(each, FORCES) and not each.body]
-    sinking = [each for each in disturbances if isinstance(each, Subsidence)]
-    payloads = [each for each in disturbances if isinstance(each, Payload)]
-    sources = []
-    for i, each in enumerate(sinking, start=1):
-        rise = [0.0] * LEG_COUNT
-        rise[each.foot - 1] = -1e-3 * each.depth_mm
-        source = add(builder, TrajectorySource(each.step(rise), 1), f"subsidence_{i}")
-        sources.append(source.get_output_port())
-    rising = sum_of(builder, sources, "rising_ground") if sources else None
+    pushes = [
+        (force, course)
+        for force, course in courses_of(builder, disturbances)
+        if not (force.body or (has_bodies and isinstance(force, Weight)))
+    ]
     payload = None
-    for hung in payloads:
-        payload = add(builder, TrajectorySource(hung.course), "payload").get_output_port()
+    for each in disturbances:
+        if isinstance(each, Payload):
+            payload = add(builder, TrajectorySource(each.course), "payload").get_output_port()
     return Disturbances(
-        places=tuple(push.place for push in pushes),
-        pushes=add_courses(builder, pushes, "pushes") if pushes else None,
-        largest=max((push.largest for push in pushes), default=0.0),
-        rising=rising,
+        places=tuple(push.place for push, _ in pushes),
+        pushes=joined(builder, [course for _, course in pushes], "pushes") if pushes else None,
+        largest=max((push.largest for push, _ in pushes), default=0.0),
+        rising=rising_ground(builder, disturbances, LEG_COUNT),
         mass=payload_in(disturbances),
         payload=payload,
     )

@@ -30,6 +30,7 @@ from parapod.diagrams.levelling_platform.view import VIEW
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.wiring import add, connect, named, named_source
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.scripts import PostureScript, Waypoint
 
 
@@ -156,6 +157,7 @@ PLATFORM = Machine(
         "mujoco": partial(add_simulated, add_mujoco_plant),
     },
     disturbances=ACTING,
+    feet=LEG_COUNT,
     mirror=mirror,
     controller=make_controller,
     sources=make_sources,

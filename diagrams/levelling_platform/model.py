@@ -17,13 +17,9 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
     Joint,
-    ModelInstanceIndex,
     PdControllerGains,
-    PrismaticJoint,
     RevoluteJoint,
     RigidBody,
-    SpatialInertia,
-    UnitInertia,
 )
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
@@ -39,6 +35,7 @@ from parapod.diagrams.bodies import (
 from parapod.diagrams.cad_models import OwnModel
 from parapod.diagrams.drawing import draw_model, publish
 from parapod.diagrams.multibody import add_adapted_model, add_ground, ground_contact
+from parapod.diagrams.pads import PAD_DEPTH, add_moving_body
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.levelling_platform.geometry import (
     ARM_BASE,
@@ -82,10 +79,8 @@ _ARM_LENGTH, _ARM_DAMPING = 2.02, 0.05
 # Gains of the wheels' position servos [N m/rad, N m s/rad] (assumption).
 _WHEEL_GAINS = PdControllerGains(p=2000.0, d=50.0)
 
-# Pads of uneven ground: side by the length of a leg's long side [-]; depth [m], mass [kg] and
-# drives of those that move; colour.
+# Pads of uneven ground: side by the length of a leg's long side [-], and colour.
 _PAD_SIZE = 0.3 / 0.44
-_PAD_DEPTH, _PAD_MASS, _PAD_GAINS = 0.1, 20.0, PdControllerGains(p=1e8, d=1e6)
 _PAD_COLOUR = np.array([0.45, 0.42, 0.38, 1.0])
 
 
@@ -519,11 +514,11 @@ def _add_pads(
     lowest = min(0.0, *foot_offsets)
     properties, body = ground_contact(), ground
     middle = 0.5 * (geometry.extension_min + geometry.extension_max)
-    instance = plant.AddModelInstance("pads") if is_moving else None
     for i, (leg, offset) in enumerate(zip(geometry.drawn_legs, foot_offsets, strict=True), 1):
         name, top, bottom = f"pad_{i}", offset - lowest, 0.0
-        if instance is not None:
-            body, bottom = _add_moving_body(plant, instance, ground, name), top - _PAD_DEPTH
+        if is_moving:
+            body = add_moving_body(plant, ground.body_frame(), name)
+            bottom = top - PAD_DEPTH
         if top == bottom:
             continue
         x, y, _ = foot_to_centre(leg, middle)
@@ -532,18 +527,6 @@ def _add_pads(
         X_GP = RigidTransform(np.array([-x, -y, 0.5 * (top + bottom)]))
         plant.RegisterCollisionGeometry(body, X_GP, pad, name, properties)
         plant.RegisterVisualGeometry(body, X_GP, pad, f"{name}_visual", _PAD_COLOUR)
-
-
-def _add_moving_body(
-    plant: MultibodyPlant, instance: ModelInstanceIndex, ground: RigidBody, name: str
-) -> RigidBody:
-    """Body that a drive moves along the ground's normal."""
-    inertia = SpatialInertia(_PAD_MASS, np.zeros(3), UnitInertia.SolidCube(_PAD_DEPTH))
-    body: RigidBody = plant.AddRigidBody(name, instance, inertia)
-    up = np.array([0.0, 0.0, 1.0])
-    joint = plant.AddJoint(PrismaticJoint(name, ground.body_frame(), body.body_frame(), up))
-    plant.AddJointActuator(name, joint).set_controller_gains(_PAD_GAINS)
-    return body
 
 
 def put_feet_on_pads(model: PlatformModel, scene_graph: SceneGraph) -> None:

@@ -5,7 +5,6 @@ from functools import partial
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Multiplexer
 
 from parapod.diagrams.levelling_platform.beginning import Beginning
 from parapod.diagrams.levelling_platform.model import (
@@ -17,7 +16,6 @@ from parapod.diagrams.levelling_platform.plants import (
     Drives,
     PlatformPlant,
     draw_as_full,
-    efforts_of_legs,
     led_legs,
     observe,
     put_on_ground,
@@ -26,9 +24,10 @@ from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.levelling_platform.tip import applied_force, draw_bending, motion_in
 from parapod.diagrams.mujoco import draw, make_plant
 from parapod.diagrams.pushes import places_of, push_mujoco, pushes_in
-from parapod.diagrams.wiring import add, connect
+from parapod.diagrams.wiring import add, connect, first_of, joined
 from parapod.systems.arm.external_load import ExternalLoad
 from parapod.systems.arm.flexible_arm import FlexibleArm
+from parapod.systems.levelling_platform.geometry import LEG_COUNT
 from parapod.systems.levelling_platform.model import PlatformModel
 from parapod.systems.physics.mujoco.model import MujocoModel
 from parapod.systems.physics.mujoco.plant import MujocoPlant
@@ -72,7 +71,8 @@ def add_mujoco_plant(
         groups.append(model.wheels)
     if rising is not None:
         groups.append((model.pads,))
-    pushed = pushes_in(builder, plant, scenario.disturbances)
+    base = model.base
+    pushed = pushes_in(builder, plant, scenario.disturbances, base, usual_is_pushed=False)
     bodies = add(builder, MujocoPlant(translated, groups, pushed=places_of(pushed)))
     push_mujoco(builder, bodies, pushed, meshcat)
     load_force = _drive(builder, model, drives, bodies)
@@ -114,7 +114,7 @@ def _drive(
     The forces are those of the last step: the loop from the actuators' next state to their load
     is not a loop of one instant.
     """
-    holding = efforts_of_legs(builder, bodies.GetOutputPort("holding_force"))
+    holding = first_of(builder, bodies.GetOutputPort("holding_force"), LEG_COUNT, "efforts")
     legs, load_force = led_legs(builder, model, drives, holding)
     driven_parts = [legs]
     if drives.arm is not None:
@@ -123,8 +123,6 @@ def _drive(
         driven_parts.append(drives.wheels)
     if drives.disturbances.rising is not None:
         driven_parts.append(drives.disturbances.rising)
-    desired = add(builder, Multiplexer([port.size() for port in driven_parts]), "desired_state")
-    for i, port in enumerate(driven_parts):
-        connect(builder, port, desired.get_input_port(i))
-    connect(builder, desired.get_output_port(), bodies.GetInputPort("desired_state"))
+    desired = joined(builder, driven_parts, "desired_state")
+    connect(builder, desired, bodies.GetInputPort("desired_state"))
     return load_force

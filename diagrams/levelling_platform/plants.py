@@ -43,7 +43,7 @@ from parapod.diagrams.multibody import add_plant, lead_joints, mean_force
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.pushes import PushArrows, push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
-from parapod.diagrams.wiring import add, connect, split_states, sum_of
+from parapod.diagrams.wiring import add, connect, first_of, split_states, sum_of
 from parapod.systems.actuators.linear_actuator import LinearActuator, LinearActuatorParams
 from parapod.systems.actuators.position_drive import PositionDrive, PositionDriveParams
 from parapod.systems.actuators.velocity_servo import VelocityServo
@@ -144,8 +144,9 @@ def add_multibody_plant(
     if model.has_rolling_wheels:
         _drive_wheels(builder, model, drives)
     load_force = _drive_legs(builder, model, drives, scenario.plant.time_step)
-    pushed = pushes_in(builder, plant, scenario.disturbances)
-    push_bodies(builder, plant, scene_graph, pushed, meshcat)
+    base = model.base
+    pushed = pushes_in(builder, plant, scenario.disturbances, base, usual_is_pushed=False)
+    weigh = push_bodies(builder, plant, scene_graph, pushed, meshcat)
     state, poses = plant.get_state_output_port(), plant.get_body_poses_output_port()
     place = scenario.machine.sensors.imu_place
     signals, observers = observe(builder, model, beginning, state, poses, place, rising)
@@ -174,7 +175,7 @@ def add_multibody_plant(
             draw_bending(builder, *drawing, rod)
 
     motion = partial(motion_in, builder, model, state)
-    return PlatformPlant(signals, put, model=model, motion=motion, load=load, bend=bend)
+    return PlatformPlant(signals, put, weigh, model, motion=motion, load=load, bend=bend)
 
 
 def put_on_ground(
@@ -288,7 +289,7 @@ def _drive_legs(
     is_continuous = plant.time_step() == 0.0
     count = LEG_COUNT if is_continuous else plant.num_actuators()
     holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
-    efforts = efforts_of_legs(builder, holding.get_output_port())
+    efforts = first_of(builder, holding.get_output_port(), LEG_COUNT, "efforts")
     ends, load_force = led_legs(builder, model, drives, efforts)
     force = plant.get_net_actuation_output_port()
     if is_continuous:
@@ -298,19 +299,6 @@ def _drive_legs(
     for port, leg in zip(split, model.legs, strict=True):
         lead_joints(builder, plant, leg, port)
     return load_force
-
-
-def efforts_of_legs(builder: DiagramBuilder, efforts: OutputPort) -> OutputPort:
-    """Efforts (4) of the legs' joints, whose actuators come first.
-
-    Args:
-        builder: builder of the station.
-        efforts: efforts of all actuators.
-    """
-    rest = efforts.size() - LEG_COUNT
-    parts = add(builder, Demultiplexer([LEG_COUNT, *((rest,) if rest else ())]), "efforts")
-    connect(builder, efforts, parts.get_input_port(0))
-    return parts.get_output_port(0)
 
 
 def led_legs(
@@ -473,7 +461,8 @@ def add_simulated(
     drive = scenario.machine.wheels.drive
     wheels = simulation.add_drives(VelocityServo(drive, WHEEL_COUNT, period), "wheels")
     arm = _add_arm(simulation, scenario.machine.arm_drives, period)
-    disturbances = add_disturbances(builder, scenario.disturbances)
+    has_bodies = scenario.backend != "kinematic"
+    disturbances = add_disturbances(builder, scenario.disturbances, has_bodies)
     drives = Drives(actuators, wheels.GetOutputPort("state"), arm, disturbances)
     plant = add_plant(builder, scenario, beginning, drives, meshcat)
     simulation.add_plant(plant, _HIDDEN)

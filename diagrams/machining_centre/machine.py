@@ -7,6 +7,7 @@ from typing import Any
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
+from parapod.diagrams.disturbances import FORCES, Subsidence
 from parapod.diagrams.machine import Machine, numbered
 from parapod.diagrams.machining_centre.controller import make_controller
 from parapod.diagrams.machining_centre.plants import (
@@ -57,7 +58,8 @@ def _variant(scenario: CentreScenario) -> Mapping[str, Any]:
     """Sizes of the ports, and names of the legs."""
     limbs = scenario.machine.limbs
     axes = {"legs": numbered("leg", 2 * limbs)}
-    return {"ports": ports_of_limbs(limbs), "axes": axes, "real": make_real(scenario)}
+    ports, real = ports_of_limbs(limbs), make_real(scenario)
+    return {"ports": ports, "axes": axes, "real": real, "feet": limbs}
 
 
 MACHINING_CENTRE = Machine(
@@ -70,6 +72,7 @@ MACHINING_CENTRE = Machine(
         "multibody": partial(add_simulated, add_multibody_plant),
         "kinematic": partial(add_simulated, add_kinematic_plant),
     },
+    disturbances={"multibody": (*FORCES, Subsidence)},
     mirror=mirror,
     controller=make_controller,
     sources=_stop,

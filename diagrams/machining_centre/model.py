@@ -26,6 +26,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, PdControllerGains, Quaterni
 
 from parapod.diagrams.bodies import Body, fit_link, limit_joints, link_bodies, place_joints
 from parapod.diagrams.multibody import add_adapted_model
+from parapod.diagrams.pads import add_moving_body
 from parapod.systems.machining_centre.geometry import CentreGeometry
 from parapod.systems.machining_centre.model import CentreModel, transform_of
 from parapod.systems.machining_centre.platform_mode import feet_of
@@ -50,6 +51,7 @@ def add_centre(
     stiffness: PdControllerGains = STIFFNESS,
     footholds: ArrayLike | None = None,
     bodies: Mapping[str, Body] | None = None,
+    ground_gives: bool = False,
 ) -> CentreModel:
     """Adds a centre and its clamps to a plant that is part of a diagram, and finalizes it.
 
@@ -59,6 +61,8 @@ def add_centre(
         stiffness: axial stiffness and damping of a leg [N/m, N s/m].
         footholds: (n, 6) on which it stands in a default context; None for the paper's pattern.
         bodies: masses of its links by their names; None: those of the files, by volume.
+        ground_gives: true if clamps move along the panel's normal, by drives of the instance
+            `PADS`.
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -68,7 +72,7 @@ def add_centre(
     platform = plant.GetBodyByName("platform", body)
     world = plant.world_frame()
     plant.AddJoint(QuaternionFloatingJoint("platform", world, platform.body_frame()))
-    clamps = []
+    clamps, held = [], []
     feet = feet_of(geometry, footholds)
     for i, (angle, middle) in enumerate(zip(geometry.angles, geometry.middles, strict=True)):
         limb = add_adapted_model(parser, f"{_FOLDER}/limb.urdf", f"limb_{i + 1}", fit_limb)
@@ -85,9 +89,12 @@ def add_centre(
         held_frame: Any = plant.AddFrame(
             FixedOffsetFrame(f"clamp_{i + 1}", world, transform_of(feet[i]))
         )
-        plant.WeldFrames(held_frame, clamp.body_frame())
+        held.append((held_frame, clamp))
         foot = plant.GetBodyByName("foot", limb)
         clamps.append(plant.AddWeldConstraint(clamp, RigidTransform(), foot, RigidTransform()))
+    for i, (frame, clamp) in enumerate(held, start=1):
+        pad = add_moving_body(plant, frame, f"pad_{i}").body_frame() if ground_gives else frame
+        plant.WeldFrames(pad, clamp.body_frame())
     plant.Finalize()
     return CentreModel(plant, geometry, tuple(clamps))
 

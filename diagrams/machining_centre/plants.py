@@ -14,14 +14,16 @@ from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
+from parapod.diagrams.disturbances import rising_ground
 from parapod.diagrams.drawing import publish, remove_visuals
 from parapod.diagrams.machining_centre.model import add_centre
 from parapod.diagrams.machining_centre.ports import PARTS
 from parapod.diagrams.machining_centre.scenario import CentreScenario, Plan
 from parapod.diagrams.machining_centre.view import add_colours, add_drawing
-from parapod.diagrams.multibody import add_plant, arrival, drive_joints
+from parapod.diagrams.multibody import add_plant, arrival, drive_joints, lead_joints
+from parapod.diagrams.pads import PADS
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.pushes import push_bodies, pushes_in
+from parapod.diagrams.pushes import after, push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.wiring import add, connect
 from parapod.systems.actuators.position_servo import PositionServo
@@ -122,7 +124,12 @@ def add_multibody_plant(
     stiffness = 1e6 * scenario.machine.legs.stiffness_N_um
     pose, feet = plan.beginning
     gains = PdControllerGains(p=stiffness, d=_DAMPING * stiffness)
-    model = add_centre(plant, geometry, gains, feet, scenario.machine.bodies)
+    rising = rising_ground(builder, scenario.disturbances, geometry.limbs)
+    model = add_centre(
+        plant, geometry, gains, feet, scenario.machine.bodies, ground_gives=rising is not None
+    )
+    if rising is not None:
+        lead_joints(builder, plant, plant.GetModelInstanceByName(PADS), rising)
     plant.SetDefaultPositions(model.positions(pose, feet))
     control = scenario.control.period
     step = settings.time_step
@@ -132,7 +139,7 @@ def add_multibody_plant(
     connect(builder, plant.get_state_output_port(), truth.GetInputPort("state"))
     thrust = _add_thrust(builder, scenario, model, drilling)
     pushed = pushes_in(builder, plant, scenario.disturbances, model.platform)
-    push_bodies(builder, plant, scene_graph, pushed, meshcat, [thrust])
+    weigh = push_bodies(builder, plant, scene_graph, pushed, meshcat, [thrust])
     connect(builder, truth.GetOutputPort("feet"), switches.GetInputPort("feet"))
     if meshcat is None:
         remove_visuals(plant, scene_graph)
@@ -146,7 +153,7 @@ def add_multibody_plant(
         context = plant.GetMyMutableContextFromRoot(root_context)
         model.stand(context, *beginning.plan.beginning)
 
-    return Plant(signals, put, locking.obey, model)
+    return Plant(signals, put, after(locking.obey, weigh), model)
 
 
 def _add_thrust(

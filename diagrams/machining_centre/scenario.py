@@ -236,7 +236,8 @@ class CentreScenario(Schema):
         process: see `ProcessScenario`.
         plant: see `CentrePlantScenario`.
         control: see `CentreControlScenario`.
-        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`.
+        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`; and
+            ground that gives, `Subsidence`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices of a tripod.
     """
 

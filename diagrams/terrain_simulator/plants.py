@@ -20,7 +20,7 @@ from pydrake.systems.primitives import (
 from parapod.diagrams.drawing import draw_model, publish, remove_visuals
 from parapod.diagrams.multibody import add_plant, arrival, lead_joints, mean_force
 from parapod.diagrams.ports import Behind
-from parapod.diagrams.pushes import push_bodies, pushes_in
+from parapod.diagrams.pushes import after, push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
 from parapod.diagrams.terrain_simulator.leg import LegUnderTest
 from parapod.diagrams.terrain_simulator.model import LegOnSlide, add_bench, add_leg_on_slide
@@ -138,7 +138,7 @@ def add_bodies(
     brake, foot_force = add_leg_ports(simulation, scenario, plant, on_slide, place)
     _add_cells(simulation, scenario, plant, model, foot_force)
     pushed = pushes_in(builder, plant, scenario.disturbances, model.body("plate"))
-    push_bodies(builder, plant, scene_graph, pushed, meshcat)
+    weigh = push_bodies(builder, plant, scene_graph, pushed, meshcat)
     truth = add(builder, BenchTruth(model))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
     signals = {name: truth.GetOutputPort(name) for name in ("pose", "loop_error")}
@@ -162,7 +162,7 @@ def add_bodies(
     def put(root_context: Context, scenario: TerrainBenchScenario) -> None:
         stand.put(plant.GetMyMutableContextFromRoot(root_context), scenario.walk)
 
-    simulation.add_plant(Plant(signals, put, between_steps, model))
+    simulation.add_plant(Plant(signals, put, after(between_steps, weigh), model))
     _add_current(simulation, scenario)
     return simulation.behind(PARTS)
 

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 
+from parapod.diagrams.disturbances import ON_BODIES_AND_GROUND
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.plots import Limits
 from parapod.diagrams.walking_chair.controller import make_controller
@@ -53,6 +54,8 @@ CHAIR = Machine(
         "kinematic": partial(add_simulated, add_kinematic_plant),
         "mujoco": partial(add_simulated, add_mujoco_plant),
     },
+    disturbances=ON_BODIES_AND_GROUND,
+    feet=LEG_COUNT,
     mirror=mirror,
     controller=make_controller,
     view=VIEW,

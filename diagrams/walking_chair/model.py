@@ -8,6 +8,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from numpy.typing import ArrayLike
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -22,6 +23,7 @@ from parapod.diagrams.bodies import (
     place_joints,
 )
 from parapod.diagrams.multibody import add_adapted_model, add_ground
+from parapod.diagrams.pads import add_pads
 from parapod.systems.walking_chair.geometry import ChairGeometry, LegGeometry
 from parapod.systems.walking_chair.masses import ChairMasses, Passenger
 from parapod.systems.walking_chair.model import ChairModel, inertia_of, moment_of_inertia
@@ -62,6 +64,7 @@ def add_chair(
     geometry: ChairGeometry = _DRAWN,
     bodies: Mapping[str, Body] | None = None,
     drive: BranchDrive = BranchDrive(),
+    giving: SceneGraph | None = None,
 ) -> ChairModel:
     """Adds chair, passenger and ground to a plant that is part of a diagram, and finalizes it.
 
@@ -71,6 +74,8 @@ def add_chair(
         geometry: dimensions of the chair.
         bodies: masses of its links by their names; None: those of the files, by volume.
         drive: stiffness and force of the branches.
+        giving: scene graph of the plant if ground gives way under a foot, see `pads`; None: it
+            does not.
     """
     parser = Parser(plant)
     configure_parser(parser)
@@ -96,8 +101,12 @@ def add_chair(
     plant.WeldFrames(seat, plant.GetFrameByName("passenger"))
     slab = add_ground(parser)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("ground", slab))
+    model = ChairModel(plant, geometry)
+    if giving is not None:
+        shapes = [plant.GetCollisionGeometriesForBody(foot) for foot in model.feet]
+        add_pads(plant, giving, plant.GetBodyByName("ground", slab), shapes)
     plant.Finalize()
-    return ChairModel(plant, geometry)
+    return model
 
 
 def add_leg(

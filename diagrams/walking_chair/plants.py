@@ -10,13 +10,15 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource
 
+from parapod.diagrams.disturbances import rising_ground
 from parapod.diagrams.drawing import draw, draw_model, publish, remove_visuals
-from parapod.diagrams.multibody import add_plant, arrival, drive_joints
+from parapod.diagrams.multibody import add_plant, arrival, drive_joints, lead_joints
+from parapod.diagrams.pads import PADS
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.pushes import push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
@@ -90,12 +92,15 @@ type PlantMaker = Callable[
 
 
 def add_designed_chair(
-    plant: MultibodyPlant, scenario: ChairScenario, passenger: Passenger
+    plant: MultibodyPlant,
+    scenario: ChairScenario,
+    passenger: Passenger,
+    giving: SceneGraph | None = None,
 ) -> ChairModel:
     """Adds the chair of a scenario to a plant, and finalizes it; see `add_chair`."""
     machine, drives = scenario.machine, scenario.machine.drives
     branch = BranchDrive(drives.stiffness, drives.max_force_N)
-    return add_chair(plant, passenger, machine.geometry, machine.bodies, branch)
+    return add_chair(plant, passenger, machine.geometry, machine.bodies, branch, giving)
 
 
 def make_statics(scenario: ChairScenario, beginning: Beginning) -> KinematicChair:
@@ -123,16 +128,22 @@ def add_multibody_plant(
     plant, scene_graph = add_plant(
         builder, settings.time_step, settings.contact_approximation, settings.accuracy
     )
-    model = add_designed_chair(plant, scenario, beginning.passenger)
+    rising = rising_ground(builder, scenario.disturbances, LEG_COUNT)
+    giving = None if rising is None else scene_graph
+    model = add_designed_chair(plant, scenario, beginning.passenger, giving)
     plant.SetDefaultPositions(model.standing_positions(beginning.lengths, beginning.body))
     ends = arrival(drives, settings.accuracy)
     force = drive_joints(builder, plant, model.legs, ends, settings.time_step)
     truth = add(builder, ChairTruth(model))
+    if rising is not None:
+        lead_joints(builder, plant, plant.GetModelInstanceByName(PADS), rising)
+        connect(builder, rising, truth.GetInputPort("rising"))
     contact = plant.get_contact_results_output_port()
     connect(builder, contact, truth.GetInputPort("contact_results"))
     connect(builder, plant.get_body_poses_output_port(), truth.GetInputPort("body_poses"))
-    pushed = pushes_in(builder, plant, scenario.disturbances, model.body)
-    push_bodies(builder, plant, scene_graph, pushed, meshcat)
+    exchanged = (model.passenger,)
+    pushed = pushes_in(builder, plant, scenario.disturbances, model.body, exchanged)
+    weigh = push_bodies(builder, plant, scene_graph, pushed, meshcat)
     if meshcat is None:
         remove_visuals(plant, scene_graph)
     else:
@@ -147,7 +158,7 @@ def add_multibody_plant(
     def seat(root_context: Context, passenger: Passenger) -> None:
         model.seat(plant.GetMyMutableContextFromRoot(root_context), passenger)
 
-    return ChairPlant(signals, stand, model=model, seat=seat)
+    return ChairPlant(signals, stand, weigh, model, seat)
 
 
 def add_kinematic_plant(

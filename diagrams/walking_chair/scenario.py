@@ -179,7 +179,8 @@ class ChairScenario(Schema):
         gait: see `GaitScenario`.
         plant: see `ChairPlantScenario`.
         control: see `ChairControlScenario`.
-        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`.
+        disturbances: forces on bodies, of simulated ones: `Push`, `Weight`, `Cable`, `Wind`; and
+            ground that gives, `Subsidence`.
         hardware: see `HardwareScenario`; the defaults are the emulated devices.
     """
 

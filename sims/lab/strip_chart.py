@@ -49,7 +49,7 @@ class StripChart:
         there = Signals(
             machine.title, {name: sizes[name] for name in names}, units, machine.element_name
         )
-        plots = choose(there, usual(names, machine.view.plots), ends)
+        plots = choose(there, usual(names, machine.plots), ends)
         curves = [(plot, curve) for plot in plots for curve in plot.curves]
         self.signals = tuple(dict.fromkeys(curve.signal for _, curve in curves))
         self._elements = [(curve.signal, curve.element, plot.factor) for plot, curve in curves]

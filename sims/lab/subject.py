@@ -98,7 +98,7 @@ class Subject:
         names = {each.partition("[")[0] for text in own for each in text.split("+")}
         if names & self.shapes.keys():
             return own
-        return () if self.machine is None else self.machine.view.plots
+        return () if self.machine is None else self.machine.plots
 
     @property
     def _drawing(self) -> LogDrawing | None:

@@ -161,6 +161,10 @@ class CentreModel:
             at: pose of the clamp, where the foot is not there yet.
         """
         pose = self.foot_pose(context, limb) if at is None else at
+        if self.plant.HasJointNamed(name := f"pad_{limb}"):
+            # The ground under it may have given way before.
+            pad: Any = self.plant.GetJointByName(name)
+            pose = pose @ RigidTransform(np.array((0.0, 0.0, -pad.get_translation(context))))
         frame: Any = self.plant.GetFrameByName(f"clamp_{limb}")
         frame.SetPoseInParentFrame(context, pose)
         self.plant.SetConstraintActiveStatus(context, self.clamps[limb - 1], True)

@@ -20,6 +20,7 @@ from pydrake.multibody.tree import (
     QuaternionFloatingJoint,
     RevoluteJoint,
     RigidBody,
+    SpatialInertia,
     WeldJoint,
 )
 from pydrake.systems.framework import Context
@@ -301,7 +302,11 @@ def inertia_of(
     body: RigidBody, plant_context: Context
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2] of a body."""
-    inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
+    return parts_of(body.CalcSpatialInertiaInBodyFrame(plant_context))
+
+
+def parts_of(inertia: SpatialInertia) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Mass [kg], centre of mass (3) [m] and inertia about it (3, 3) [kg m^2]."""
     mass, centre = inertia.get_mass(), np.asarray(inertia.get_com())
     about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
     shift = centre @ centre * np.eye(3) - np.outer(centre, centre)

@@ -21,7 +21,7 @@ class PushForces(LeafSystem):
     | port | size | unit | meaning |
     |---|---|---|---|
     | in `pushes` | 6k | N m, N | moment and force of each, by the world's axes |
-    | out `applied_spatial_force` | abstract | - | k `ExternallyAppliedSpatialForce` |
+    | out `applied_spatial_force` | abstract | - | an `ExternallyAppliedSpatialForce` each |
 
     State: none.
 
@@ -32,16 +32,18 @@ class PushForces(LeafSystem):
         self,
         bodies: Sequence[BodyIndex] = (BodyIndex(1),),
         places: ArrayLike = ((0.0, 0.0, 0.0),),
+        weights: Sequence[int] = (),
     ):
         """Creates the system.
 
         Args:
             bodies: bodies (k) that are pushed.
             places: places (k, 3) of the pushes, from the bodies' origins by their axes [m].
+            weights: indices of pushes that are left out: weights of masses that bodies have.
         """
         super().__init__()
         self.set_name("push_forces")
-        self._bodies = list(bodies)
+        self._bodies, self._weights = list(bodies), frozenset(weights)
         self._places = np.asarray(places, dtype=float).reshape(len(self._bodies), 3)
         self._pushes = self.DeclareVectorInputPort("pushes", 6 * len(self._bodies))
         self.DeclareAbstractOutputPort(
@@ -54,7 +56,10 @@ class PushForces(LeafSystem):
     def _calc_forces(self, context: Context, output: Any) -> None:
         pushes = read_array(self._pushes, context).reshape(-1, 6)
         forces = []
-        for body, place, push in zip(self._bodies, self._places, pushes, strict=True):
+        parts = zip(self._bodies, self._places, pushes, strict=True)
+        for i, (body, place, push) in enumerate(parts):
+            if i in self._weights:
+                continue
             force = ExternallyAppliedSpatialForce()
             force.body_index, force.p_BoBq_B = body, place
             finite = push if np.isfinite(push).all() else np.zeros(6)

@@ -25,7 +25,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import BasicVector, Context
 
 from parapod.systems.core.leaf_system import LeafSystem
-from parapod.systems.core.ports import declare_cached, read_array
+from parapod.systems.core.ports import declare_cached, read_array, read_or_zeros
 from parapod.systems.physics.loops import Ball
 from parapod.systems.physics.poses import Gaps, poses_at
 from parapod.systems.walking_chair.geometry import (
@@ -223,6 +223,7 @@ class ChairTruth(LeafSystem):
     |---|---|---|---|
     | in `contact_results` | abstract | - | contact results of the plant |
     | in `body_poses` | abstract | - | poses of the plant's bodies |
+    | in `rising` | 8 | m, m/s | how far the ground under each foot has risen; unconnected: 0 |
     | out `body_position` | 3 | m | of S in the world |
     | out `body_attitude` | 3 | rad | roll, pitch, yaw |
     | out `foot_height` | 12 | m | corners E_1, E_2, E_3 of each foot above the ground |
@@ -241,7 +242,9 @@ class ChairTruth(LeafSystem):
         self._corners = model.geometry.leg.corners.tolist()
         self._contact = self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]([]))
-        self._shown = declare_cached(self, "shown", self._calc_shown, {self._poses.ticket()})
+        self._rising = self.DeclareVectorInputPort("rising", 2 * LEG_COUNT)
+        tickets = {self._poses.ticket(), self._rising.ticket()}
+        self._shown = declare_cached(self, "shown", self._calc_shown, tickets)
         for i, (name, size) in enumerate(
             (("body_position", 3), ("body_attitude", 3), ("foot_height", 12), ("loop_error", 8))
         ):
@@ -257,11 +260,12 @@ class ChairTruth(LeafSystem):
         return part
 
     def _calc_shown(self, context: Context) -> tuple[NDArray[np.float64], ...]:
-        poses = poses_at(self._poses, context)
+        poses, rising = poses_at(self._poses, context), read_or_zeros(self._rising, context)
+        feet = zip(self._feet, rising[:LEG_COUNT], strict=True)
         return (
             np.array([*poses.origin(self._body)]),
             np.array([*poses.axes(self._body).roll_pitch_yaw()]),
-            np.array([poses.point(i, at)[2] for i in self._feet for at in self._corners]),
+            np.array([poses.point(i, at)[2] - by for i, by in feet for at in self._corners]),
             np.array(self._gaps.of(poses)),
         )
 

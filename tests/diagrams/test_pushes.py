@@ -5,16 +5,25 @@ from functools import partial
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
 from scipy.signal import welch
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.disturbances import Wind
+from parapod.diagrams.disturbances import Weight, Wind
 from parapod.diagrams.machine import find_machine
+from parapod.diagrams.pushes import places_of, push_bodies, push_mujoco, pushes_in
 from parapod.diagrams.side_by_side import LoopRows
+from parapod.diagrams.wiring import add
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.machining_centre.platform_mode import leg_lengths
+from parapod.systems.physics.mujoco.model import MujocoModel
+from parapod.systems.physics.mujoco.plant import MujocoPlant
 from parapod.systems.physics.wind import AIR_DENSITY, gusts, kaimal_density
 from tests.sims.lab.test_poser import dragged
 
@@ -72,6 +81,66 @@ def test_a_platform_bears_a_mass_until_it_is_taken_off(backend):
     np.testing.assert_allclose(np.diff(force), (5.0 * GRAVITY, -5.0 * GRAVITY), rtol=2e-3)
 
 
+@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+def test_a_mass_that_is_put_on_is_a_body_welded_there(engine):
+    """Two pendulums in a row, of which the last one bears a mass beside its axis."""
+    if engine == "mujoco":
+        pytest.importorskip("mujoco")
+    at, mass = (0.1, -0.05, -0.3), 2.5
+    states = []
+    for welded in (True, False):
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+        link = plant.world_body()
+        for i in range(2):
+            inertia = SpatialInertia.SolidBoxWithMass(1.0 + i, 0.1, 0.2, 0.4)
+            child = plant.AddRigidBody(f"link_{i}", inertia)
+            X_PF = RigidTransform((0.0, 0.0, -0.4))
+            end = plant.AddFrame(FixedOffsetFrame(f"end_{i}", link.body_frame(), X_PF))
+            axis = np.array((i, 1.0 - i, 0.0))
+            plant.AddJoint(RevoluteJoint(f"joint_{i}", end, child.body_frame(), axis))
+            link = child
+        if welded:
+            point = SpatialInertia.SolidSphereWithMass(mass, 1e-6)
+            plant.WeldFrames(
+                link.body_frame(),
+                plant.AddRigidBody("point", point).body_frame(),
+                RigidTransform(at),
+            )
+        plant.Finalize()
+        x_mm, y_mm, z_mm = (1e3 * x for x in at)
+        weight = Weight(at=0.0, duration=1e-3, mass_kg=mass, place_mm=[x_mm, y_mm, z_mm])
+        pushed = pushes_in(builder, plant, [] if welded else [weight], link)
+        if engine == "drake":
+            weigh = push_bodies(builder, plant, scene_graph, pushed, None)
+            bodies = plant
+        else:
+            model = MujocoModel(plant, scene_graph, ())
+            bodies = add(builder, MujocoPlant(model, [], pushed=places_of(pushed)))
+            push_mujoco(builder, bodies, pushed, None)
+            weigh = None
+        diagram = builder.Build()
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        start = plant.CreateDefaultContext()
+        plant.SetPositions(start, (0.4, 0.3))
+        if engine == "drake":
+            plant.SetPositions(plant.GetMyMutableContextFromRoot(context), (0.4, 0.3))
+        else:
+            inner = bodies.GetMyMutableContextFromRoot(context)
+            bodies.put(inner, start)
+            bodies.GetInputPort("desired_state").FixValue(inner, np.zeros(0))
+        # From the time on at which the whole mass is there.
+        context.SetTime(2e-3)
+        if weigh is not None:
+            simulator.set_monitor(lambda root, weigh=weigh: weigh(root))
+        simulator.AdvanceTo(1.0)
+        port = bodies.GetOutputPort("state")
+        states.append(port.Eval(bodies.GetMyContextFromRoot(context)).copy())
+    np.testing.assert_allclose(*states, rtol=1e-6)
+    assert np.abs(states[0]).max() > 0.1
+
+
 def test_a_cable_holds_a_chair_until_it_breaks():
     cable = "[!Cable {at: 1.6, body: leg_2_foot, pull_N: [0, 0, 30]}]"
     force = shown(loop_of("walking_chair", cable), (1e-3, 1.5, 1.6, 2.2))["truth.contact_force"]
@@ -98,6 +167,22 @@ def test_wind_blows_on_a_chair_for_its_time():
     right, left = change[[1, 2]].sum(), change[[0, 3]].sum()
     assert right > 1.0
     assert left == pytest.approx(-right, abs=0.5)
+
+
+def test_pushes_are_recorded_with_their_units():
+    forces = (
+        "!Push {at: 0, duration: 0.4, force_N: [30, 0, -60], moment_Nm: [0, 4, 0]}",
+        "!Weight {at: 0, duration: 0.1, mass_kg: 2}",
+    )
+    loop = loop_of("levelling_platform", f"[{', '.join(forces)}]", "backend=kinematic")
+    simulator = loop.simulator()
+    simulator.AdvanceTo(0.2)
+    recording = loop.recording(simulator.get_context())
+    last = {name: recording.signals[f"truth.push_{name}"][-1] for name in ("force", "moment")}
+    np.testing.assert_allclose(last["force"], (30.0, 0.0, -60.0, 0.0, 0.0, -2.0 * GRAVITY))
+    np.testing.assert_allclose(last["moment"], (0.0, 4.0, 0.0, 0.0, 0.0, 0.0), atol=1e-12)
+    assert recording.units["truth.push_force"] == "N"
+    assert loop.machine.element_name("truth.push_force", 3) == "weight 2 x"
 
 
 def test_gusts_have_the_spectrum_of_kaimal():
@@ -187,7 +272,9 @@ def test_sliders_of_a_bench_take_the_work_of_a_push():
 def test_rows_of_mujoco_are_pushed_as_its_runs():
     pytest.importorskip("mujoco")
     push = (
-        "[!Push {at: 0.05, duration: 0.1, body: leg_3_foot, force_N: [5, -3, 20]}, !Push {at: 0}]"
+        "[!Push {at: 0.05, duration: 0.1, body: leg_3_foot, force_N: [5, -3, 20]}, !Push {at: 0}, "
+        "!Weight {at: 0.02, duration: 0.1, mass_kg: 8, place_mm: [0, 100, 300]}, "
+        "!Subsidence {at: 0.03, duration: 0.1, foot: 2, depth_mm: 3}]"
     )
     loop = loop_of("walking_chair", push, "backend=mujoco")
     rows = LoopRows(loop, [loop.scenario] * 2)
@@ -265,7 +352,7 @@ def test_the_mouse_pushes_bodies_and_the_loop_answers(name):
             "or mujoco",
         ),
         (
-            "machining_centre",
+            "terrain_simulator",
             ("disturbances=[!Push {}, !Subsidence {}]",),
             r"disturbances\.1: !Subsidence does not act on this machine; admissible: !Push, !Wei",
         ),
@@ -278,6 +365,17 @@ def test_the_mouse_pushes_bodies_and_the_loop_answers(name):
             "levelling_platform",
             ("backend=kinematic", "disturbances=[!Push {body: base}]"),
             r"disturbances\.0\.body must be empty with the backend 'kinematic'",
+        ),
+        (
+            "walking_chair",
+            ("disturbances=[!Weight {mass_kg: -80}]",),
+            r"disturbances: body, of \S+ kg, cannot lose 80 kg there",
+        ),
+        (
+            "walking_chair",
+            ("disturbances=[!Weight {body: passenger}]",),
+            r"disturbances\.0\.body: the mass of passenger is that of another key; admissible: "
+            "another body, such as body",
         ),
         (
             "terrain_simulator",

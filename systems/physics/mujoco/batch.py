@@ -28,7 +28,7 @@ class MujocoRows(RowsMemory):
         self._systems: list[Any] = []
         self._beginnings: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
         self._models: list[Any] = []
-        self._copies: dict[tuple[int, bytes], Any] = {}
+        self._copies: dict[tuple[int, bytes, int], Any] = {}
 
     def add(self, system: Any, context: Any) -> None:
         """Takes a row's model and state.
@@ -39,9 +39,12 @@ class MujocoRows(RowsMemory):
         if self._systems and system.layout() != self._systems[0].layout():
             raise ParapodError("MuJoCo steps rows of plants together that have the same joints")
         loads = system.loads_in(context)
-        key = id(system), loads.tobytes()
+        # Masses that are put on bodies make each row's model its own.
+        row = len(self._systems) if system.pushes.has_weights else 0
+        key = id(system), loads.tobytes(), row
         if key not in self._copies:
             system.model.set_loads(loads)
+            system.pushes.weigh(np.zeros(6 * len(system.pushes.bodies)), system.model.model)
             self._copies[key] = copy.copy(system.model.model)
         self._models.append(self._copies[key])
         self._systems.append(system)
@@ -75,6 +78,8 @@ class MujocoRows(RowsMemory):
             self._plant.get_output_port(i).get_name()
             for i in range(self._plant.num_output_ports())
         ]
+        self._weighed = self._models if self._plant.pushes.has_weights else []
+        self._pushes = [system.pushes for system in systems]
         del self._systems, self._beginnings, self._models
 
     def output(self, index: int) -> Any:
@@ -112,6 +117,7 @@ class MujocoRows(RowsMemory):
         if commands.applied_force is not None:
             batch.qfrc_applied[ids] = self._plant.model.applied(qpos, commands.applied_force)
         if commands.pushes is not None:
+            self._weigh(commands.pushes)
             places = self._places("xpos", "xmat", "xipos")
             batch.xfrc_applied[ids] = self._plant.pushes.wrenches(commands.pushes, *places)
         sensors = batch.bind("sensordata")
@@ -125,6 +131,15 @@ class MujocoRows(RowsMemory):
         holding = self._drives.holding_force(control, batch.qpos[ids], batch.qvel[ids])
         self._forces = np.concatenate((holding, sensors[ids]), axis=1)
         return errors
+
+    def _weigh(self, pushes: NDArray[np.float64]) -> None:
+        """Gives bodies of each row's model the masses that are on them."""
+        if not self._weighed:
+            return
+        rows = zip(self._ids.tolist(), pushes, strict=True)
+        changes = [self._pushes[i].weigh(row, self._weighed[i]) for i, row in rows]
+        if any(changes):
+            self._batch.set_models(self._weighed)
 
     def keep(self, positions: NDArray[np.intp]) -> None:
         """Goes on with some of the rows."""

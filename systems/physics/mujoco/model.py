@@ -191,13 +191,36 @@ class MujocoModel:
         for i, row in zip(self._load_ids, loads.reshape(-1, _LOAD), strict=True):
             inertia = np.zeros((3, 3))
             inertia[np.triu_indices(3)] = row[4:10]
-            model.body_mass[i], model.body_ipos[i] = row[0], row[1:4]
-            model.body_inertia[i], model.body_iquat[i] = principal(inertia)
+            self.set_inertia(model, i, row[0], row[1:4], inertia)
             model.body_pos[i], model.body_quat[i] = row[10:13], row[13:]
+        self.complete(model)
+        self._set = loads.copy()
+
+    def set_inertia(
+        self,
+        model: Any,
+        body: int,
+        mass: float,
+        centre: NDArray[np.float64],
+        inertia: NDArray[np.float64],
+    ) -> None:
+        """Gives a body of a model its inertia; `complete` follows from it.
+
+        Args:
+            model: MuJoCo's, as translated.
+            body: MuJoCo's body.
+            mass: mass [kg].
+            centre: (3) centre of mass, from the origin by the body's axes [m].
+            inertia: (3, 3) inertia about it, of which the upper triangle is read [kg m^2].
+        """
+        model.body_mass[body], model.body_ipos[body] = mass, centre
+        model.body_inertia[body], model.body_iquat[body] = principal(inertia)
+
+    def complete(self, model: Any) -> None:
+        """Calculates what follows from the inertias of a model, as translated."""
         self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
         model.body_invweight0[:] = WEIGHT
         model.dof_invweight0[:] = WEIGHT
-        self._set = loads.copy()
 
     def index_of(self, joint: Joint) -> tuple[int, int]:
         """Indices of a joint's position and velocity in MuJoCo's."""

@@ -16,7 +16,7 @@ from parapod.systems.core.ports import has_value, read_batch
 from parapod.systems.physics.mujoco.batch import MujocoRows
 from parapod.systems.physics.mujoco.drives import Drives
 from parapod.systems.physics.mujoco.model import MujocoModel
-from parapod.systems.physics.mujoco.pushes import Pushes
+from parapod.systems.physics.mujoco.pushes import Place, Pushes
 
 _PHYSICS, _FORCES = 0, 1  # groups of the discrete state
 
@@ -45,7 +45,8 @@ class MujocoPlant(LeafSystem):
 
     Drives come in groups; `desired_state` has positions and then velocities of each group, one
     step ahead. Like those of Drake's discrete plant they are springs and dampers that act
-    implicitly over a step. In a default context the last step is a first one at rest.
+    implicitly over a step. In a default context the last step is a first one at rest. A push that
+    is the weight of a mass gives the body that mass, with its inertia, in place of a force.
 
     State: discrete, MuJoCo's own with the solver's warm start, and the forces of the last step,
     updated every step. MuJoCo's memory is scratch: nothing in it outlives a call.
@@ -61,7 +62,7 @@ class MujocoPlant(LeafSystem):
         model: MujocoModel,
         groups: Sequence[Sequence[ModelInstanceIndex]] = (),
         begins: Context | None = None,
-        pushed: Sequence[tuple[BodyIndex, Sequence[float]]] = (),
+        pushed: Sequence[Place] = (),
     ):
         """Creates the plant.
 
@@ -70,8 +71,7 @@ class MujocoPlant(LeafSystem):
             groups: model instances whose drives make a group of commands; all that have some.
             begins: context of the translated plant that is the beginning in a default context;
                 None for its default.
-            pushed: bodies that are pushed, and places (3) on them, from their origins by their
-                axes [m].
+            pushed: places of bodies that are pushed, or bear a mass.
         """
         super().__init__()
         self.set_name("mujoco_plant")
@@ -128,6 +128,7 @@ class MujocoPlant(LeafSystem):
         """Loads, MuJoCo's state, and the forces of a first step with the drives at rest."""
         loads = self.model.loads_of(plant_context)
         self.model.set_loads(loads)
+        self.pushes.weigh(np.zeros(6 * len(self.pushes.bodies)), self.model.model)
         physics = self.model.begin(plant_context)
         return loads, physics, self._step(self.drives.hold(self.model.data.qpos))
 
@@ -172,6 +173,7 @@ class MujocoPlant(LeafSystem):
         if commands.applied_force is not None:
             data.qfrc_applied[:] = self.model.applied(data.qpos, commands.applied_force)
         if commands.pushes is not None:
+            self.pushes.weigh(commands.pushes, self.model.model)
             self.model.locate()
             wrenches = self.pushes.wrenches(commands.pushes, data.xpos, data.xmat, data.xipos)
             data.xfrc_applied[:] = wrenches
