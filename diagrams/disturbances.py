@@ -283,7 +283,7 @@ SHOWN = ("truth.push_force", "truth.ground_rise")
 
 
 def ports_of(disturbances: Sequence[Disturbance], feet: int) -> tuple[Port, ...]:
-    """What a simulated station shows of its disturbances; see `add_truth`.
+    """Ports of a simulated station that show its disturbances; see `add_truth`.
 
     Args:
         disturbances: disturbances of the scenario.
@@ -309,20 +309,22 @@ def ports_of(disturbances: Sequence[Disturbance], feet: int) -> tuple[Port, ...]
 def add_truth(
     builder: DiagramBuilder, disturbances: Sequence[Disturbance]
 ) -> dict[str, OutputPort]:
-    """Adds what `ports_of` declares, by name, for disturbances whose courses have been added."""
-    shown: dict[str, OutputPort] = {}
+    """Adds outputs for `ports_of`, by name, of disturbances whose courses have been added."""
+    outputs: dict[str, OutputPort] = {}
     courses = [port for _, port in courses_of(builder, disturbances)]
     if courses:
         both = joined(builder, courses, "pushes_shown")
         parts = (("push_moment", (1.0, 0.0)), ("push_force", (0.0, 1.0)))
         for name, part in parts:
             select = np.kron(np.eye(len(courses)), np.kron(np.array([part]), np.eye(3)))
-            shown[f"truth.{name}"] = _times(builder, select, both, name)
+            outputs[f"truth.{name}"] = _times(builder, select, both, name)
     rising = rising_ground(builder, disturbances)
     if rising is not None:
         half = rising.size() // 2
-        shown["truth.ground_rise"] = _times(builder, np.eye(half, 2 * half), rising, "ground_rise")
-    return shown
+        outputs["truth.ground_rise"] = _times(
+            builder, np.eye(half, 2 * half), rising, "ground_rise"
+        )
+    return outputs
 
 
 def _times(builder: DiagramBuilder, matrix: Any, port: OutputPort, name: str) -> OutputPort:

@@ -119,14 +119,12 @@ def _check_losses(pushed: Pushed, disturbances: Sequence[Disturbance]) -> None:
         ScenarioError: names the body.
     """
     masses = [each.mass_kg for each in disturbances if isinstance(each, Weight)]
-    lost = np.minimum(masses, 0.0)
-    for body, inertia in pushed.points.inertias(lost):
-        if not inertia.IsPhysicallyValid():
-            raise ScenarioError(
-                f"disturbances: {body.name()}, of {body.default_mass():g} kg, cannot lose "
-                f"{-lost.sum():g} kg there",
-                "disturbances",
-            )
+    for body in pushed.points.impossible(masses):
+        raise ScenarioError(
+            f"disturbances: {body.name()}, of {body.default_mass():g} kg, cannot lose "
+            f"{-np.minimum(masses, 0.0).sum():g} kg there",
+            "disturbances",
+        )
 
 
 def push_bodies(
@@ -187,7 +185,7 @@ def push_bodies(
 
 
 def _weighing(plant: MultibodyPlant, pushed: Pushed) -> Callable[[Context], None]:
-    """What gives bodies of a plant of Drake's the masses that are on them."""
+    """Call that gives bodies of a plant of Drake's the masses on them, in a root context."""
     source: Any = pushed.pushes.get_system()
 
     def weigh(root_context: Context) -> None:

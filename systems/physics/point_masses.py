@@ -8,6 +8,9 @@ from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia
 
 from parapod.systems.core.physics import GRAVITY
 
+# Mass above which a weight is absurd [kg].
+_HEAVIEST = 1e6
+
 type Place = tuple[float, float, float]
 
 
@@ -28,16 +31,31 @@ class Points:
             entry[2].append(place)
 
     def masses(self, pushes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Masses (..., n) of which pushes (..., 6k) hold the weights [kg]."""
+        """Masses (..., n) of which pushes (..., 6k) hold the weights [kg]; 0: absurd ones."""
         masses = pushes[..., self._forces] / -GRAVITY
-        return np.where(np.isfinite(masses), masses, 0.0)
+        return np.where(np.abs(masses) < _HEAVIEST, masses, 0.0)
 
     def inertias(self, masses: ArrayLike) -> list[tuple[RigidBody, SpatialInertia]]:
-        """Bodies with their inertias, about their origins by their axes, for masses (n) [kg]."""
-        each = np.asarray(masses, dtype=float)
+        """Bodies with their inertias, about their origins by their axes, for masses (n) [kg].
+
+        A body that has not got what it would lose loses nothing.
+        """
+        each, inertias = np.asarray(masses, dtype=float), []
+        for body, indices, places in self._bodies.values():
+            own = body.default_spatial_inertia()
+            inertia = with_points(own, each[indices], places)
+            inertias.append((body, inertia if inertia.IsPhysicallyValid() else own))
+        return inertias
+
+    def impossible(self, masses: ArrayLike) -> list[RigidBody]:
+        """Bodies that have not got what they would lose of masses (n) below zero [kg]."""
+        each = np.minimum(np.asarray(masses, dtype=float), 0.0)
         return [
-            (body, with_points(body.default_spatial_inertia(), each[indices], places))
+            body
             for body, indices, places in self._bodies.values()
+            if not with_points(
+                body.default_spatial_inertia(), each[indices], places
+            ).IsPhysicallyValid()
         ]
 
 
@@ -49,7 +67,7 @@ def with_points(
     It may be one that no body has, if masses are below zero: see `IsPhysicallyValid`.
 
     Args:
-        own: that of the body alone.
+        own: inertia of the body alone.
         masses: (n) the masses [kg]; below zero those that it has lost.
         places: (n, 3) their places, from its origin by its axes [m].
     """

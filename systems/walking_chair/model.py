@@ -231,6 +231,8 @@ class ChairTruth(LeafSystem):
     | out `contact_force` | 4 | N | of the ground on the feet, upwards |
 
     State: none.
+
+    Bad input: a rise that is not finite is passed on.
     """
 
     def __init__(self, model: ChairModel):

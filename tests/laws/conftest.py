@@ -70,6 +70,7 @@ from parapod.systems.machining_centre.posture import Posture, lockable_joints
 from parapod.systems.machining_centre.sequence import SequenceParams
 from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.physics.mujoco.model import MujocoModel
+from parapod.systems.physics.mujoco.pushes import Place
 from parapod.systems.safety.faults import Fault
 from parapod.systems.sensors.imu import ImuParams, sample_period
 from parapod.systems.terrain_simulator.geometry import BenchGeometry
@@ -310,14 +311,18 @@ def reactions(random, size):
 
 
 def translated():
-    """A chair for another engine, its drives in groups and its passenger a load."""
+    """A chair for another engine: drives in groups, its passenger a load, a mass put on it."""
     plant, scene_graph = MultibodyPlant(1e-3), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     chair = add_chair(plant)
     plant.SetDefaultPositions(chair.standing_positions(LENGTH.reshape(4, 3), START.body.position))
     loads = (chair.passenger,)
     model = MujocoModel(plant, scene_graph, chair.balls, feet=chair.feet, loads=loads)
-    pushed = [(chair.body.index(), (0.1, 0.0, 0.2)), (chair.feet[2].index(), (0.0, 0.0, 0.0))]
+    pushed = [
+        Place(chair.body, (0.1, 0.0, 0.2)),
+        Place(chair.feet[2], (0.0, 0.0, 0.0)),
+        Place(chair.body, (0.0, 0.1, 0.2), is_weight=True),
+    ]
     return {"model": model, "groups": (chair.legs[:3], chair.legs[3:]), "pushed": pushed}
 
 
@@ -703,7 +708,12 @@ ENTRIES: dict[str, Entry] = {
     "ChairPose": Entry(
         of_model(add_chair), inputs=BRANCHES, passes={"NaN for the joints": "positions"}
     ),
-    "ChairTruth": Entry(of_model(add_chair), inputs=BODIES[add_chair], shares=True),
+    "ChairTruth": Entry(
+        of_model(add_chair),
+        inputs=BODIES[add_chair],
+        passes={"is passed on": "foot_height"},
+        shares=True,
+    ),
     "CompoundPositionController": Entry(
         variants=({"channels": 12, "period": 0.02},), limits={"velocity_command": 0.08}
     ),

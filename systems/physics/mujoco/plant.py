@@ -54,7 +54,8 @@ class MujocoPlant(LeafSystem):
     Parameters (Context): inertias and places of the model's loads, see `MujocoModel.loads_of`.
 
     Bad input: a drive whose command is not finite, or absurd, is led to where it is; an applied
-    force or a push of that kind counts as zero.
+    force, a push or a mass of that kind counts as zero, as does one that a body has not got to
+    lose.
     """
 
     def __init__(
@@ -172,8 +173,9 @@ class MujocoPlant(LeafSystem):
         data.xfrc_applied[:] = 0.0
         if commands.applied_force is not None:
             data.qfrc_applied[:] = self.model.applied(data.qpos, commands.applied_force)
+        pushes = np.zeros(self._pushes.size()) if commands.pushes is None else commands.pushes
+        self.pushes.weigh(pushes, self.model.model)
         if commands.pushes is not None:
-            self.pushes.weigh(commands.pushes, self.model.model)
             self.model.locate()
             wrenches = self.pushes.wrenches(commands.pushes, data.xpos, data.xmat, data.xipos)
             data.xfrc_applied[:] = wrenches
