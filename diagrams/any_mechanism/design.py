@@ -30,6 +30,8 @@ _SPEED = 1.0
 # Distance from a singular position below which no machine begins [-].
 _SINGULAR = 1e-5
 _FEWEST = 3  # feet on which something stands
+# Distance from an end at which a joint is at it [m, rad].
+AT_END = 1e-6
 # Share by which a drive may exceed an acceleration that is met exactly [-].
 _SLACK = 0.01
 
@@ -175,12 +177,13 @@ class MechanismDesign(Schema):
         loops: YAML file of its loops and motors; empty: the one beside it, of its name.
         motors: joints with motors, in place of those of the files; * and ? stand for any
             characters.
-        frame: link or frame that is led; empty: the link on which most loops end.
+        frame: link or frame that is led; empty: the link that the motors govern most freely.
         coordinates: parts of its pose in which it is led, of x, y, z, roll, pitch and yaw; empty:
             those that the motors can set.
         home: positions of the motors at home, from where all ways are told [m or rad]; empty:
             those nearest to the file's with which all loops are closed.
-        base: "welded" to the world, or standing on the "ground" with its feet.
+        base: "welded" to the world, or standing on the "ground" with its feet, whatever the file
+            says.
         feet_mm: feet with which it does, as points of its first link, of which the lowest is as
             high as the ground [mm].
         max_velocity: largest speeds of the motors [m/s or rad/s]; null: those of the model, and 1
@@ -190,6 +193,8 @@ class MechanismDesign(Schema):
         force_per_current_N_A: force of a motor by its current [N/A or N m/A].
         natural_frequency_Hz: frequency with which what a motor moves would swing on it alone, by
             which the stiffness of the multibody backend's drives follows [Hz].
+        least_mass_kg: mass that lighter links are given: joints that close loops are the softer
+            the lighter their links are [kg].
         idle_decay_Hz: rate with which joints come to rest that no motor governs, such as the spin
             of a rod between two ball joints [Hz].
         drives: see `PositionServos` and `PiActuators`.
@@ -208,6 +213,7 @@ class MechanismDesign(Schema):
     zero_error: float = quantity(1e-4, 0.0, 1.0)
     force_per_current_N_A: float = quantity(100.0, 1e-4, 1e6)  # noqa: N815
     natural_frequency_Hz: float = quantity(60.0, 1.0, 1000.0)  # noqa: N815
+    least_mass_kg: float = quantity(0.0, 0.0, 1e5)
     idle_decay_Hz: float = quantity(1.0, 0.0, 1000.0)  # noqa: N815
     drives: Drives = field(default_factory=PositionServos)
 
@@ -238,7 +244,7 @@ class MechanismDesign(Schema):
         )
         files = self.path, self.loops_path, tuple(self.motors)
         settings = self.frame, tuple(self.coordinates), self.max_velocity, self.max_force
-        return _built(*files, *settings, tuple(self.home), stamps)
+        return _built(*files, *settings, tuple(self.home), self.least_mass_kg, stamps)
 
     @property
     def stiffnesses(self) -> Array:
@@ -316,6 +322,19 @@ class BuiltMechanism:
         """Parts of the pose at home (k) [m, rad]."""
         return self.parts_at(self.q)
 
+    @cached_property
+    def stopped(self) -> tuple[str, ...]:
+        """Joints that are at an end of theirs at home."""
+        of = self.mechanism
+        names = []
+        for joint in of.joints:
+            first, count = joint.position_start(), joint.num_positions()
+            q = self.q[first : first + count]
+            ends = joint.position_lower_limits(), joint.position_upper_limits()
+            if any((np.abs(q - end) < AT_END).any() for end in ends):
+                names.append(of.name(joint))
+        return tuple(names)
+
     def parts_at(self, q: Array) -> Array:
         """Parts of the pose (k) in positions (q) [m, rad]."""
         pose: Any = pose_vector(self.mechanism.pose(self.frame, q))
@@ -357,11 +376,13 @@ def _built(
     max_velocity: float | None,
     max_force: float | None,
     home: tuple[float, ...],
+    least_mass: float,
     stamps: tuple[int, ...],
 ) -> BuiltMechanism:
     key = "machine"
     try:
-        mechanism = Mechanism.load(path, loops, motors)
+        # Its own motions are those of a mechanism whose base stands, also on the ground.
+        mechanism = Mechanism.load(path, loops, motors, False, least_mass)
         key = "machine.motors"
         mechanism.check_motors()
         for joint in mechanism.motors:
@@ -373,6 +394,9 @@ def _built(
         name = mechanism.frame(frame).name() if frame else last_link(mechanism)
         key = "machine.coordinates"
         parts = free_coordinates(mechanism, name, coordinates)
+        if not parts:
+            key = "machine.frame"
+            raise ScenarioError(f"the motors set no part of the pose of {name} at home")
         part_rates(mechanism.plant, mechanism.frame(name), q)  # where its angles have rates
     except ParapodError as error:
         raise ScenarioError(f"{key}: {error}", key) from None
@@ -389,6 +413,12 @@ def _home(mechanism: Mechanism, home: tuple[float, ...]) -> Array:
     if home and len(home) != count:
         raise ScenarioError(f"there must be {count} numbers, one for each motor, not {len(home)}")
     q = mechanism.forward(home) if home else mechanism.home
+    if beyond := mechanism.beyond_limits(q):
+        name, far = next(iter(beyond.items()))
+        raise ScenarioError(
+            f"{name} is {far:.4g} beyond its limits there [m, rad]; give other positions of "
+            f"{', '.join(map(mechanism.name, mechanism.motors))}"
+        )
     held = mechanism.dexterity(q).held
     if held < _SINGULAR:
         names = ", ".join(map(mechanism.name, mechanism.motors))

@@ -51,6 +51,11 @@ class Epos2MotorAxes(Epos2PositionAxes):
     part: str = "motors"
     node_ids: list[int] = quantity([], 1, 127)
 
+    @property
+    def measures_current(self) -> bool:
+        """See `Epos2Settings`."""
+        return True
+
 
 def fittings_of(motors: Motors) -> Mapping[str, Any]:
     """Settings of the motors' driver that follow from a mechanism."""

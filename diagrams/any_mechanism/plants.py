@@ -246,7 +246,8 @@ def _add_model(
     """Adds the mechanism, and the ground where it stands on it; returns the base's frame."""
     is_standing = design.base == GROUND
     motors = tuple(design.motors)
-    model = add_model(plant, design.path, design.loops_path, motors, is_standing or None)
+    least = design.least_mass_kg
+    model = add_model(plant, design.path, design.loops_path, motors, is_standing, least_mass=least)
     bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
     # Links touch nothing: those that loops join would touch each other there.
     shapes = [shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)]
@@ -255,7 +256,7 @@ def _add_model(
     if not is_standing:
         return model, plant.world_frame()
     hung = {int(joint.child_body().index()) for joint in joints_of(plant)}
-    (base, *others) = [body for body in bodies if int(body.index()) not in hung]
+    base, *others = [body for body in bodies if int(body.index()) not in hung]
     if others:
         names, key = ", ".join(body.name() for body in (base, *others)), "machine.base"
         raise ScenarioError(f"{key} = {GROUND} needs one base, not {names}", key)
@@ -269,7 +270,8 @@ def _add_model(
     parser = Parser(plant)
     configure_parser(parser)
     instance = add_ground(parser)
-    height = RigidTransform(np.array((0.0, 0.0, feet[:, 2].min())))
+    at = plant.GetDefaultFloatingBaseBodyPose(base).translation()
+    height = RigidTransform(np.array((0.0, 0.0, at[2] + feet[:, 2].min())))
     ground = plant.GetFrameByName("ground", instance)
     plant.WeldFrames(plant.world_frame(), ground, height)
     if ground_gives:

@@ -31,6 +31,8 @@ _JUMP = 0.05
 # Leg of a tour before its pace is set, and the shortest one [s]; instants between two waypoints at
 # which the way is looked at.
 _LEG, _SHORTEST, _LOOKS = 1.0, 0.2, 50
+# Way beyond an end of a joint up to which it counts as at the end [m, rad].
+_BEYOND = 1e-5
 _TRIES = 4  # number of tours that are tried, each half as wide
 _END = 1e6  # [s]
 
@@ -180,16 +182,24 @@ def _asked(
 def _tour(built: BuiltMechanism, share: float, begin: float) -> tuple[list[float], list[Array]]:
     """Times and poses (k) of a tour, all of whose legs take as long."""
     times, poses = [0.0, begin], [built.home, built.home]
+    ways = {(i, s): farthest(built, i, s)[0] for i in range(len(built.parts)) for s in (1.0, -1.0)}
+    if not any(ways.values()):
+        stopped = f"; at an end there: {', '.join(built.stopped)}" if built.stopped else ""
+        raise ScenarioError(
+            f"track: {built.frame} cannot leave its home{stopped}; give another machine.home",
+            "machine.home",
+        )
     for i in range(len(built.parts)):
         for sign in (1.0, -1.0):
             pose = built.home.copy()
-            pose[i] += share * farthest(built, i, sign)[0]
+            pose[i] += share * ways[i, sign]
             for goal in (pose, built.home):
                 times.append(times[-1] + _LEG)
                 poses.append(goal)
     return times, poses
 
 
+@lru_cache(maxsize=64)
 def farthest(built: BuiltMechanism, part: int, sign: float) -> tuple[float, Array]:
     """Way from home along a coordinate to the end of a motor or to where singular positions are.
 
@@ -233,8 +243,8 @@ def _next(built: BuiltMechanism, goal: Array, near: Array) -> Array | None:
     Newton's method alone finds them. Motors that would jump to another branch do not count.
     """
     mechanism, parts = built.mechanism, list(built.parts)
-    (q,), (is_closed,) = mechanism.inverse_rows(built.frame, goal[np.newaxis], near)
-    if not is_closed:
+    q = mechanism.nearby(built.frame, goal, near)
+    if q is None:
         return None
     went = mechanism.motor_positions(q) - mechanism.motor_positions(near)
     try:
@@ -293,10 +303,13 @@ def _looked_at(
             raise ScenarioError(
                 f"track: {built.frame} does not get to its pose at {time:.2f} s: {error}", "track"
             ) from None
-        if beyond := mechanism.beyond_limits(q):
-            name, far = next(iter(beyond.items()))
+        beyond = mechanism.beyond_limits(q)
+        if max(beyond.values(), default=0.0) > _BEYOND:
+            name, far = max(beyond.items(), key=lambda each: each[1])
+            hint = f"; at an end at home: {', '.join(built.stopped)}" if built.stopped else ""
             raise ScenarioError(
-                f"track: {name} would be {far:.4g} beyond its limits at {time:.2f} s [m, rad]",
+                f"track: {name} would be {far:.4g} beyond its limits at {time:.2f} s [m, rad]"
+                f"{hint}",
                 "track",
             )
         positions.append(q)

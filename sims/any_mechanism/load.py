@@ -27,6 +27,7 @@ from parapod.sims.any_mechanism.track import MechanismExperiment
 from parapod.sims.lab.run import Run, realtime_metric
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.results import Metric
+from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.physics import GRAVITY
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.mechanism.coordinates import PARTS
@@ -39,6 +40,8 @@ type Floats = NDArray[np.float64]
 
 # Time at which the mass is put on, in which it comes to bear, and at which the run ends [s].
 _AT, _TAKES, _END = 0.5, 0.5, 2.5
+# Largest mass that is put on where none is given [kg].
+_MOST = 5.0
 # Bound of the difference between bodies and statics, by the largest force [%].
 _SAME = 1.0
 
@@ -51,7 +54,8 @@ class MechanismLoadScenario(Schema):
         backend: plant: "multibody" (rigid bodies with constraints).
         seed: seed of the errors of the encoders' zeros.
         machine: see `MechanismDesign`; or a file: `!File my_machine.yaml`.
-        mass_kg: mass that is put on the frame [kg].
+        mass_kg: mass that is put on the frame [kg]; null: as much as the links weigh, 5 kg at
+            most.
         place_mm: its place in the frame's link, by that link's axes [mm].
         plant: see `MechanismPlantScenario`.
         control: see `ControlScenario`.
@@ -60,10 +64,18 @@ class MechanismLoadScenario(Schema):
     backend: str = choice(MULTIBODY, (MULTIBODY,))
     seed: int = quantity(0, 0, 2**31 - 1)
     machine: MechanismDesign = field(default_factory=MechanismDesign)
-    mass_kg: float = quantity(5.0, 0.0, 1e5)
+    mass_kg: float | None = quantity(None, 0.0, 1e5)
     place_mm: list[float] = quantity([0.0] * 3, -1e5, 1e5, length=3)
     plant: MechanismPlantScenario = field(default_factory=MechanismPlantScenario)
     control: ControlScenario = field(default_factory=ControlScenario)
+
+    @property
+    def mass(self) -> float:
+        """The mass [kg]."""
+        if self.mass_kg is not None:
+            return self.mass_kg
+        plant = self.machine.built.mechanism.plant
+        return min(_MOST, float(plant.CalcTotalMass(plant.CreateDefaultContext())))
 
 
 class MechanismLoad(MechanismExperiment[MechanismLoadScenario]):
@@ -79,7 +91,7 @@ class MechanismLoad(MechanismExperiment[MechanismLoadScenario]):
         weight = Weight(
             at=_AT,
             duration=_TAKES,
-            mass_kg=scenario.mass_kg,
+            mass_kg=scenario.mass,
             place_mm=list(scenario.place_mm),
         )
         return MechanismScenario(
@@ -92,6 +104,21 @@ class MechanismLoad(MechanismExperiment[MechanismLoadScenario]):
             disturbances=[weight],
         )
 
+    def check(self, scenario: MechanismLoadScenario) -> None:
+        """Refuses a home in which an end of a joint would bear a part of the mass.
+
+        Raises:
+            ScenarioError: names the joints.
+        """
+        super().check(scenario)
+        if stopped := scenario.machine.built.stopped:
+            key = "machine.home"
+            raise ScenarioError(
+                f"{key}: joints at an end would bear a part of the mass: {', '.join(stopped)}; "
+                "give another one",
+                key,
+            )
+
     def duration(self, scenario: MechanismLoadScenario) -> float:
         """Until all is at rest [s]."""
         return _END
@@ -99,7 +126,7 @@ class MechanismLoad(MechanismExperiment[MechanismLoadScenario]):
     def measure(self, scenario: MechanismLoadScenario, run: Run) -> Iterator[Metric]:
         """Forces of bodies and of statics, and the mass that could be carried."""
         built = scenario.machine.built
-        statics = forces_at(scenario, built.q, scenario.mass_kg)
+        statics = forces_at(scenario, built.q, scenario.mass)
         bodies = run["truth.motor_force"][-1]
         scale = float(np.abs(statics).max()) or 1.0
         yield Metric(
@@ -118,26 +145,26 @@ class MechanismLoad(MechanismExperiment[MechanismLoadScenario]):
             meaning="way of the frame under the mass",
         )
         limits = np.array(built.motors.forces)
-        share = float((np.abs(bodies) / limits).max())
-        yield Metric(
-            "force_share",
-            share,
-            bound=1.0,
-            meaning="share of its largest force with which a motor holds the mass",
-        )
         if np.isfinite(limits).any():
+            yield Metric(
+                "force_share",
+                float((np.abs(bodies) / limits).max()),
+                bound=1.0,
+                meaning="share of its largest force with which a motor holds the mass",
+            )
             masses = [mass for _, mass in masses_at_ends(scenario)]
             for name, mass, where in (
                 ("home_payload_kg", masses[0], "at home"),
                 ("least_payload_kg", min(masses), "at the ends of a tour, where it is least"),
             ):
-                yield Metric(name, mass, "kg", meaning=f"mass that the motors carry {where}")
+                if np.isfinite(mass):
+                    yield Metric(name, mass, "kg", meaning=f"mass that the motors carry {where}")
         yield realtime_metric(run)
 
     def note(self, scenario: MechanismLoadScenario, run: Run) -> Iterable[str]:
         """The pose in which the motors are weakest."""
         name, mass = min(masses_at_ends(scenario), key=lambda each: each[1])
-        if mass:
+        if np.isfinite(mass):
             yield f"weakest {name}: {mass:.4g} kg"
 
     def draw(self, scenario: MechanismLoadScenario, run: Run) -> Iterator[Figure]:
@@ -169,7 +196,7 @@ def forces_at(scenario: MechanismLoadScenario, q: Floats, mass: float) -> Floats
 
 
 def masses_at_ends(scenario: MechanismLoadScenario) -> list[tuple[str, float]]:
-    """Poses by their names, and the largest mass there [kg]; 0 where no motor has a limit."""
+    """Poses by their names, and the largest mass there [kg]; infinite where nothing limits it."""
     built = scenario.machine.built
     limits = np.array(built.motors.forces)
     masses = []
@@ -194,7 +221,7 @@ def _draw(scenario: MechanismLoadScenario, run: Run, canvas: "Canvas") -> None:
     for i, name in enumerate(built.motors.names):
         axes.plot(run.time[1:], forces[1:, i], label=name)
     axes.set_prop_cycle(None)
-    for mass, ends in ((0.0, (0.0, _AT)), (scenario.mass_kg, (_AT + _TAKES, _END))):
+    for mass, ends in ((0.0, (0.0, _AT)), (scenario.mass, (_AT + _TAKES, _END))):
         for force in forces_at(scenario, built.q, mass):
             axes.plot(ends, [force, force], linestyle="dotted", color="0.3")
     units = {"N" if unit == "m" else "N m" for unit in built.motors.units}

@@ -16,6 +16,9 @@ from parapod.systems.mechanism.coordinates import PARTS, joint_unit, part_unit
 from parapod.systems.mechanism.mobility import Dexterity
 from parapod.systems.mechanism.statics import motor_forces
 
+# Force of a motor by a mass on the frame below which it bears nothing of it [N/kg, N m/kg].
+_NOTHING = 1e-6
+
 type Floats = NDArray[np.float64]
 
 
@@ -162,14 +165,13 @@ class MechanismSheet(Sheet[MechanismScenario, None, None]):
 
 
 def largest_mass(alone: Floats, per_kg: Floats, limits: Floats) -> float:
-    """Largest mass with which no motor exceeds its limit [kg]; 0 where none has a limit.
+    """Largest mass with which no motor exceeds its limit [kg]; infinite where none limits it.
 
     Args:
         alone: forces of the motors without it (n) [N, N m].
         per_kg: forces by mass (n).
         limits: largest forces (n).
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        masses = np.where(per_kg > 0.0, limits - alone, -limits - alone) / per_kg
-    masses = masses[np.isfinite(masses)]
-    return max(0.0, float(masses.min())) if masses.size else 0.0
+    bears = np.abs(per_kg) > _NOTHING
+    ends = np.where(per_kg > 0.0, limits - alone, -limits - alone)
+    return max(0.0, float((ends[bears] / per_kg[bears]).min(initial=np.inf)))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.any_mechanism.controller import make_controls
@@ -45,6 +46,8 @@ type Floats = NDArray[np.float64]
 _ERROR, _TURNED = 2e-3, np.radians(0.2)
 # Bound of the gaps in loops, by the mechanism's size [-].
 _CLOSED = 1e-4
+# Mass of a link by that of the heaviest below which its loops are soft [-].
+_LIGHT = 1e-3
 # Least distance from a singular position on the way, by that at home [-].
 _NEAR = 0.1
 # Instants of a way of which one is looked at for forces.
@@ -201,6 +204,13 @@ class MechanismTrack(MechanismExperiment[MechanismScenario]):
             yield from force_metrics(scenario, run)
         yield realtime_metric(run)
 
+    def note(self, scenario: MechanismScenario, run: Run) -> Iterator[str]:
+        """Coordinates in which the frame is led, and advice where loops are too soft."""
+        built = scenario.machine.built
+        names = ", ".join(PARTS[part] for part in built.parts)
+        yield f"{built.frame} is led along {names}"
+        yield from advice_on_loops(scenario, run)
+
     def draw(self, scenario: MechanismScenario, run: Run) -> Iterator[Figure]:
         """Way, errors and forces over time."""
         if "truth.pose" in run:
@@ -212,6 +222,28 @@ class MechanismTrack(MechanismExperiment[MechanismScenario]):
                 partial(_draw, scenario, run),
                 (7.0, 6.4),
             )
+
+
+def advice_on_loops(scenario: MechanismScenario, run: Run) -> Iterator[str]:
+    """Advice where loops of rigid bodies are farther open than they may be.
+
+    Args:
+        scenario: the scenario.
+        run: its run.
+    """
+    mechanism = scenario.machine.built.mechanism
+    if "truth.loop_error" not in run or scenario.backend != MULTIBODY:
+        return
+    if run["truth.loop_error"][:, 0].max() <= _CLOSED * mechanism.size:
+        return
+    plant = mechanism.plant
+    bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
+    weights = {body.name(): body.default_mass() for body in bodies if body.default_mass() > 0.0}
+    advice = f"the loops are soft: plant.time_step below {scenario.plant.time_step:g} s is stiffer"
+    if weights and min(weights.values()) < _LIGHT * max(weights.values()):
+        light = min(weights, key=lambda name: weights[name])
+        advice += f", and machine.least_mass_kg, since {light} weighs {weights[light]:.2g} kg only"
+    yield advice
 
 
 def error_metrics(

@@ -23,7 +23,7 @@ from parapod.sims.lab.runner import Runner
 from parapod.sims.output.figures import Figure
 from parapod.sims.output.progress import waiting
 from parapod.sims.output.results import Metric
-from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.mechanism.coordinates import PARTS, part_unit
 from parapod.systems.mechanism.reach import Reach, reach
@@ -97,7 +97,11 @@ class MechanismWorkspace(Experiment[MechanismWorkspaceScenario, Reach]):
         return MechanismScenario(machine=scenario.machine)
 
     def run(self, scenario: MechanismWorkspaceScenario, runner: Runner) -> Reach:
-        """Floods a grid that is large enough."""
+        """Floods a grid that is large enough.
+
+        Raises:
+            ParapodError: no pose around home is reached.
+        """
         built, parts = scenario.machine.built, scenario.parts()
         home = built.mechanism.dexterity(built.q, built.frame).held
         ranges = dict(_ranges(built, parts))
@@ -114,6 +118,11 @@ class MechanismWorkspace(Experiment[MechanismWorkspaceScenario, Reach]):
                 if not flooded.cut_off:
                     break
                 ranges = {part: _wider(part, ends) for part, ends in ranges.items()}
+        if not flooded.volume:
+            stopped = f"; at an end there: {', '.join(built.stopped)}" if built.stopped else ""
+            raise ParapodError(
+                f"{built.frame} reaches no pose around its home{stopped}; give another home"
+            )
         return flooded
 
     def measure(self, scenario: MechanismWorkspaceScenario, data: Reach) -> Iterator[Metric]:

@@ -160,7 +160,7 @@ def _print(title: str, poser: "Poser") -> None:
         print(f"  {count} of {loop} follow from those of the other loops")
     if of.freedoms > of.governed:
         idle = ", ".join(mechanism.name(mechanism.plant.get_joint(i)) for i in of.idle)
-        print(f"  {of.freedoms - of.governed} freedoms without a motor: {idle}")
+        print(f"  {of.freedoms - of.governed} freedoms without a motor, in {idle}")
     from parapod.systems.mechanism.coordinates import joint_unit
     from parapod.systems.mechanism.statics import motor_forces
 

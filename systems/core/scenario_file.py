@@ -48,7 +48,7 @@ _LONGEST_BEFORE_COMMENT = 44
 _PARAGRAPH = "\n\n"  # between two paragraphs of a docstring
 FILE = "!File"  # tag of the name of a file whose data are to stand in its place
 # Texts that name models and functions of one's own; in a file they are beside it.
-_BESIDE = re.compile(r"([^:]+\.(?:urdf|sdf|dmd\.yaml|py))(:\w+)?")
+_BESIDE = re.compile(r"([^:]+\.(?:urdf|sdf|xml|mjcf|yaml|py))(:\w+)?")
 
 
 def load_scenario[T](

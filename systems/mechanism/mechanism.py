@@ -56,6 +56,8 @@ _FARTHEST = 1e3
 _ROUNDED_GAP = 1e-5
 # Motion of a part of a pose, by that of all joints, below which it stands [-].
 _IDLE = 1e-7
+# Share of the motion of the part that moves most with which an earlier part is chosen [-].
+_FAVOURED = 0.3
 # Most steps of a way over rows.
 _MOST_STEPS = 40
 
@@ -119,6 +121,7 @@ class Mechanism:
         loops_file: str | Path | None = None,
         motors: Sequence[str] = (),
         is_free: bool | None = None,
+        least_mass: float = 0.0,
     ) -> "Mechanism":
         """The mechanism of a model file.
 
@@ -130,13 +133,14 @@ class Mechanism:
                 characters.
             is_free: false welds the base to the world, true does not; None: as an MJCF says, and
                 false for other files.
+            least_mass: mass of links that are lighter, but not massless [kg].
 
         Raises:
             ScenarioError: a file that cannot be read, or names what the model does not have.
         """
         plant = MultibodyPlant(_STEP)
         loops = None if loops_file is None else Path(loops_file)
-        model = add_model(plant, Path(path), loops, motors, is_free)
+        model = add_model(plant, Path(path), loops, motors, is_free, least_mass=least_mass)
         plant.Finalize()
         return cls.of_model(model)
 
@@ -201,7 +205,7 @@ class Mechanism:
         if not names:
             single = [self.name(joint) for joint in self.joints if joint.num_velocities() == 1]
             raise ScenarioError(
-                f"no joint has a motor: name {of.freedoms} of {', '.join(single)}"
+                f"no joint has a motor: {of.freedoms} are needed, of {', '.join(single)}"
                 if of.freedoms
                 else "the mechanism has no freedom that a motor could move"
             )
@@ -303,15 +307,15 @@ class Mechanism:
 
         Returns:
             As many places in x, y, z, roll, pitch, yaw as the frame has freedoms; where there is
-            a choice, those that move the most. Parts that also move without a motor, such as the
-            roll of a rod between two ball joints, are left out.
+            a choice, the first ones that move well. Parts that also move without a motor, such as
+            the roll of a rod between two ball joints, are left out.
         """
         if frame not in self._parts:
             moves = self.frame_jacobian(frame, self.home)
             scale = np.where(self.is_length[self.motor_columns], self.size, 1.0)
             moves = np.vstack((moves[3:] / self.size, moves[:3])) * scale
             moves[self.idle_parts(frame)] = 0.0
-            self._parts[frame] = independent_rows(moves, self.nothing)
+            self._parts[frame] = independent_rows(moves, self.nothing, _FAVOURED)
         return self._parts[frame]
 
     def idle_parts(self, frame: str) -> NDArray[np.bool_]:
@@ -393,6 +397,21 @@ class Mechanism:
         if not pose.is_closed:
             pose = self.solve([target], near=self.home if near is None else near)
         return _insist(pose, f"{frame} cannot get there")
+
+    def nearby(self, frame: str, goal: ArrayLike, near: ArrayLike) -> Floats | None:
+        """Positions (q) with which a frame is at a pose next to one, by Newton's method alone.
+
+        Args:
+            frame: name of the frame, or of its link.
+            goal: pose or parts of one, as `inverse` takes it.
+            near: positions (q) next to them, closed.
+
+        Returns:
+            None where the method does not get there; limits are not looked at.
+        """
+        equations = *self.equations, FrameTarget(self.frame(frame), _whole_goal(goal))
+        q = self._solver.newton(equations, np.asarray(near, dtype=float))
+        return q if self._solver.judge(equations, q).is_closed else None
 
     def inverse_rows(
         self, frame: str, goals: ArrayLike, near: ArrayLike | None = None

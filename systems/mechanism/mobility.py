@@ -160,13 +160,21 @@ def null_space(matrix: Floats, nothing: float = EXACT.nothing) -> Floats:
     return np.asarray(right[rank:].T)
 
 
-def independent_rows(matrix: Floats, nothing: float = EXACT.nothing) -> tuple[int, ...]:
-    """Independent rows of a matrix, each the longest beside those before it, in order."""
+def independent_rows(
+    matrix: Floats, nothing: float = EXACT.nothing, enough: float = 1.0 - _SAME
+) -> tuple[int, ...]:
+    """Independent rows of a matrix, each the first of the longest beside those before it.
+
+    Args:
+        matrix: the matrix.
+        nothing: length of a row that counts as zero [-].
+        enough: share of the longest one's length that is long enough [-].
+    """
     rest, rows = np.array(matrix), list[int]()
     for _ in range(_rank(matrix, nothing)):
         lengths = np.linalg.norm(rest, axis=1)
-        # The first of those that are about as long, whatever the last bits are.
-        row = int(np.argmax(lengths > (1.0 - _SAME) * lengths.max()))
+        # The first of those that are long enough, whatever the last bits are.
+        row = int(np.argmax(lengths > enough * lengths.max()))
         along = rest[row] / lengths[row]
         rest = rest - np.outer(rest @ along, along)
         rows.append(row)

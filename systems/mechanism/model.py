@@ -8,6 +8,7 @@ YAML file beside the model. Its keys are those of github.com/Gepetto/example-par
 
 import fnmatch
 import logging
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -54,6 +55,8 @@ _KINDS = {"3d": "ball", "6d": "weld"}
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 # Distance along its axis of the two ball joints in place of a hinge that closes a loop [m].
 _SPREAD = 0.05
+# Angle by which a range of a whole turn may be smaller [rad].
+_TURN = 0.02
 # Axes of the frames of a universal joint that is turned round: about y, then x, both back.
 _REVERSED = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # Inertia of the body between a joint that closes a loop and the link that it is welded to
@@ -90,6 +93,7 @@ def add_model(
     motors: Sequence[str] = (),
     is_free: bool | None = None,
     is_plain: bool = False,
+    least_mass: float = 0.0,
 ) -> Model:
     """Adds a model and its loops to a plant.
 
@@ -100,9 +104,10 @@ def add_model(
             its name with .yaml behind it or in place of the suffix. An MJCF needs none.
         motors: joints with motors, in place of those that the files name; * and ? stand for any
             characters.
-        is_free: false welds the first link that hangs on nothing to the world, true does not;
-            None: what an MJCF says, and false for other files.
+        is_free: false welds the first link that hangs on nothing to the world, true takes such a
+            weld away; None: what an MJCF says, and false for other files.
         is_plain: true if its joints are to be hinges and slides alone, see `Model`.
+        least_mass: mass of links that are lighter, but not massless [kg].
 
     Raises:
         ScenarioError: a file that cannot be read, or names what the model does not have.
@@ -120,15 +125,33 @@ def add_model(
         _add_by_drake(model)
         _change_joints(model, settings, source)
         _cut_loops(model)
-    if not is_free and not (is_free is None and _is_mjcf(path)):
+    if is_free:
+        _free_base(plant)
+    elif is_free is not None or not _is_mjcf(path):
         _weld_base(plant)
+    _weigh_light(plant, least_mass)
     _turn_round(model)
     if is_plain and not _is_mjcf(path):
         for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
             _make_plain(model, joint)
     _close(model, settings, source)
     _name_motors(model, tuple(motors) or tuple(settings.name_mot), source)
+    _turn_freely(model)
     return model
+
+
+def _turn_freely(model: Model) -> None:
+    """Takes limits of a whole turn, as CAD exports have them, from hinges without a motor."""
+    plant, names = model.plant, []
+    for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
+        if joint.type_name() != "revolute" or joint.index() in model.motors:
+            continue
+        low, high = (float(ends[0]) for ends in _limits(joint))
+        if math.isfinite(high - low) and high - low > 2.0 * math.pi - _TURN:
+            joint.set_position_limits(np.array((-np.inf,)), np.array((np.inf,)))
+            names.append(joint.name())
+    if names:
+        model.notes.append(f"limits of a whole turn count as none: {', '.join(names)}")
 
 
 def _is_mjcf(path: Path) -> bool:
@@ -350,9 +373,37 @@ def _weld_base(plant: MultibodyPlant) -> None:
     children = {int(joint.child_body().index()) for joint in joints}
     for i in range(1, plant.num_bodies()):
         if i not in children:
-            frame = plant.get_body(BodyIndex(i)).body_frame()
-            plant.WeldFrames(plant.world_frame(), frame)
+            body = plant.get_body(BodyIndex(i))
+            pose = plant.GetDefaultFloatingBaseBodyPose(body)
+            plant.WeldFrames(plant.world_frame(), body.body_frame(), pose)
             return
+
+
+def _free_base(plant: MultibodyPlant) -> None:
+    """Takes the weld away with which a link hangs on the world, which stays where it is."""
+    for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
+        if joint.type_name() == "weld" and int(joint.parent_body().index()) == 0:
+            weld: Any = joint
+            X_WF, X_BM = (
+                frame.GetFixedPoseInBodyFrame()
+                for frame in (weld.frame_on_parent(), weld.frame_on_child())
+            )
+            pose = X_WF.multiply(weld.X_FM()).multiply(X_BM.inverse())
+            body = joint.child_body()
+            _remove_joint(plant, joint)
+            plant.SetDefaultFloatingBaseBodyPose(body, pose)
+
+
+def _weigh_light(plant: MultibodyPlant, least: float) -> None:
+    """Welds bodies to links that are lighter than a mass [kg], which make them as heavy."""
+    for i in range(1, plant.num_bodies()):
+        link = plant.get_body(BodyIndex(i))
+        mass = link.default_mass()
+        if 0.0 < mass < least:
+            own = link.default_spatial_inertia()
+            rest = SpatialInertia(least - mass, own.get_com(), own.get_unit_inertia())
+            body = plant.AddRigidBody(f"{link.name()}_ballast", link.model_instance(), rest)
+            plant.WeldFrames(link.body_frame(), body.body_frame())
 
 
 def _turn_round(model: Model) -> None:

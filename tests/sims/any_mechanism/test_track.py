@@ -10,11 +10,13 @@ import pytest
 from rich.console import Console
 
 from parapod.diagrams.any_mechanism.controller import make_controls
+from parapod.diagrams.any_mechanism.drivers import Epos2MotorAxes
 from parapod.diagrams.any_mechanism.machine import MECHANISM
 from parapod.diagrams.any_mechanism.scenario import MechanismScenario
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.drivers.driver import PartPorts
 from parapod.sims.any_mechanism.load import MechanismLoad
-from parapod.sims.any_mechanism.track import MechanismTrack, frame_error
+from parapod.sims.any_mechanism.track import MechanismTrack, advice_on_loops, frame_error
 from parapod.sims.any_mechanism.workspace import MechanismWorkspace
 from parapod.sims.output.options import RunOptions
 from parapod.systems.core.errors import ParapodError
@@ -203,6 +205,95 @@ def test_a_machine_file_names_the_model_beside_it(tmp_path):
     assert built.motors.velocities == (1.0, 1.0)
 
 
+def test_a_machine_file_names_an_mjcf_beside_it(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco", reason="MJCF needs MuJoCo's compiler")
+    (tmp_path / "robot.xml").write_text(Path(FILES["delta"]).read_text())
+    (tmp_path / "mine.yaml").write_text("file: robot.xml\n")
+    monkeypatch.chdir(tmp_path.parent)
+    machine = load_scenario(MechanismScenario, None, None, (), tmp_path / "mine.yaml").machine
+    assert machine.path == tmp_path / "robot.xml"
+    assert len(machine.built.motors.names) == 3
+
+
+def test_a_home_at_an_end_of_a_joint_is_told_of(tmp_path):
+    file = f"machine.file={table_in(tmp_path)}"
+    settings = (file, "machine.frame=beam", "machine.coordinates=[x]", "machine.home=[0.3, 0]")
+    blocked = TABLE.replace('lower="-0.3" upper="0.3"', 'lower="0.3" upper="0.3000001"')
+    assert MechanismScenario(machine=machine_of(*settings)).machine.built.stopped == ("along",)
+    (tmp_path / "table.urdf").write_text(blocked)
+    assert "cannot leave its home; at an end there: along" in refused(*settings)
+    with pytest.raises(ParapodError, match="reaches no pose around its home; at an end there: al"):
+        run(MechanismWorkspace("mechanism-workspace"), *settings)
+    with pytest.raises(ParapodError, match="at an end would bear a part of the mass: along"):
+        run(MechanismLoad("mechanism-load"), *settings)
+    assert "along is 0.3 beyond its limits there" in refused(file, "machine.home=[0, 0]")
+
+
+def machine_of(*overrides):
+    return load_scenario(MechanismScenario, None, None, overrides).machine
+
+
+STANDING = """
+<mujoco>
+  <worldbody>
+    <body name="trunk" pos="0 0 0.5">{joint}
+      <inertial pos="0 0 0" mass="20" diaginertia="1 1 1"/>
+      <body name="mast" pos="0 0 0.2">
+        <joint name="lift" type="slide" axis="0 0 1" limited="true" range="-0.1 0.1"/>
+        <inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="lift" joint="lift"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("joint", ["", "<freejoint/>"])
+def test_the_base_stands_as_the_machine_says_whatever_the_file_does(tmp_path, joint):
+    pytest.importorskip("mujoco", reason="MJCF needs MuJoCo's compiler")
+    path = tmp_path / "mast.xml"
+    path.write_text(STANDING.replace("{joint}", joint))
+    settings = (f"machine.file={path}", "machine.frame=mast", WAY)
+    feet = "machine.feet_mm=[[300, 0, -30], [-150, 260, -30], [-150, -260, -30]]"
+    forces = []
+    for base in (("machine.base=welded",), ("machine.base=ground", feet)):
+        scenario, now = recorded(*settings, *base)
+        assert np.abs(frame_error(scenario, now)).max() < 1e-3
+        forces.append(now["truth.motor_force"][-1])
+        assert np.ptp(now["truth.pose"][:, 2]) == pytest.approx(0.012, abs=5e-4)
+    # Of both the motor bears the mast's weight.
+    np.testing.assert_allclose(forces, 5.0 * 9.81, rtol=5e-3)
+
+
+def test_a_pose_out_of_reach_is_refused_with_its_time():
+    words = "does not get to its pose at .* s: a motor would have to jump"
+    assert re.search(words, refused(*of("delta"), "track.waypoints=[{time: 60, z_mm: 900}]"))
+
+
+def test_links_may_be_made_heavier_than_in_their_file(tmp_path):
+    file = f"machine.file={table_in(tmp_path)}"
+    masses = []
+    for least in (0.0, 1.5):
+        plant = machine_of(file, f"machine.least_mass_kg={least}").built.mechanism.plant
+        masses.append(plant.CalcTotalMass(plant.CreateDefaultContext()))
+    # Beam and plate weigh 2 and 1 kg.
+    np.testing.assert_allclose(masses, (3.0, 3.5))
+
+
+def test_advice_is_given_where_loops_are_soft():
+    scenario = load_scenario(MechanismScenario, None, None, ())
+    soft, stiff = ({"truth.loop_error": np.array([[gap, 0.0]])} for gap in (1e-3, 1e-6))
+    (advice,) = advice_on_loops(scenario, soft)
+    assert "plant.time_step below 0.001 s" in advice
+    assert not list(advice_on_loops(scenario, stiff))
+
+
+def test_motors_that_turn_measure_their_currents():
+    device = Epos2MotorAxes(node_ids=[1, 2]).make(PartPorts({}, {}))
+    assert device.measures["current"] == 2
+
+
 class Sliders:
     """Controls whose sliders a test moves."""
 
@@ -269,8 +360,5 @@ def test_what_makes_no_machine_is_refused_in_a_line(tmp_path):
     )
     assert "times as strong as it is, at" in refused(WAY, "machine.max_force=30")
     assert "must be 3 numbers" in refused("machine.home=[0.01]")
-    assert (
-        "does not get to its pose" in refused(file, "track.waypoints=[{time: 2, x_mm: 5e4}]")
-        or True
-    )
+    assert "beyond its limits at" in refused(file, "track.waypoints=[{time: 99, x_mm: 400}]")
     assert "no body 'sail'" in refused(WAY, "disturbances=[!Push {body: sail}]")

@@ -53,6 +53,16 @@ def test_a_loop_beside_a_urdf_closes_it(tmp_path):
     assert mechanism.mobility.redundant == {"end - goal": 1}
 
 
+def test_a_range_of_a_whole_turn_is_no_limit_of_a_hinge_without_a_motor(tmp_path):
+    path = write(tmp_path, "closed_loop: [[end, goal]]\ntype: [3d]\nname_mot: [rail]\n")
+    whole = '<limit lower="0" upper="6.2832" effort="1" velocity="1"/>'
+    text = path.read_text().replace('type="continuous"', 'type="revolute"')
+    path.write_text(text.replace('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/>{whole}'))
+    mechanism = Mechanism.load(path)
+    assert "limits of a whole turn count as none: shoulder, elbow" in mechanism.notes
+    assert mechanism.is_within_limits(mechanism.positions({"shoulder": -0.3, "elbow": 7.0}))
+
+
 def test_a_loop_may_hold_points_of_links_together(tmp_path):
     loops = "closed_loop: [[lower, goal]]\ntype: [3d]\npoints: [[[1, 0, 0], [0, 0, 0]]]\n"
     by_points = Mechanism.load(write(tmp_path, loops + "name_mot: [rail]\n"))
