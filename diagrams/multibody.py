@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,6 +23,7 @@ from pydrake.systems.primitives import MatrixGain, ZeroOrderHold
 from parapod.diagrams.simulators import ErrorControl
 from parapod.diagrams.wiring import add, connect, first_of, split_states
 from parapod.systems.actuators.holding_force import HoldingForce
+from parapod.systems.actuators.moving_reference import MovingReference
 from parapod.systems.actuators.pi_servo import PiServo
 from parapod.systems.actuators.position_servo import PositionServo
 from parapod.systems.actuators.velocity_servo import VelocityServo
@@ -73,6 +75,38 @@ def arrival(drives: VelocityServo | PositionServo | PiServo, accuracy: float | N
         accuracy: accuracy of the plant's error control; None for a discrete plant.
     """
     return drives.GetOutputPort("next_state" if accuracy is None else "state")
+
+
+class Reference(NamedTuple):
+    """Positions and velocities (2n) that joints follow, as their plant needs them.
+
+    Attributes:
+        now: to lead the joints to.
+        during: those by which the drives' forces are known, in the step that ends.
+    """
+
+    now: OutputPort
+    during: OutputPort
+
+
+def moving(
+    builder: DiagramBuilder, plant: MultibodyPlant, ends: OutputPort, step: float
+) -> Reference:
+    """References that move between the steps of drives in a continuous plant.
+
+    The steps of a discrete plant are those of the drives; it is led to the ends as they are.
+
+    Args:
+        builder: builder of the diagram that holds the plant.
+        plant: the plant.
+        ends: positions (n) and then velocities (n) at the end of the drives' step, see `arrival`.
+        step: step of the drives [s].
+    """
+    if plant.time_step() > 0.0:
+        return Reference(ends, ends)
+    reference = add(builder, MovingReference(ends.size() // 2, step), f"moving_{ends.get_name()}")
+    connect(builder, ends, reference.GetInputPort("arrival"))
+    return Reference(reference.GetOutputPort("now"), reference.GetOutputPort("during"))
 
 
 def lead_joints(
@@ -129,14 +163,15 @@ def drive_joints(
         step: step of the servos [s].
         sampled_every: period of the forces' samples [s]; None for the step.
     """
-    parts = split_states(builder, "leg_states", desired_state, len(instances))
+    reference = moving(builder, plant, desired_state, step)
+    parts = split_states(builder, "leg_states", reference.now, len(instances))
     for port, instance in zip(parts, instances, strict=True):
         lead_joints(builder, plant, instance, port)
     count = sum(plant.num_actuators(instance) for instance in instances)
     holding = add(builder, ZeroOrderHold(sampled_every or step, count), "holding_force")
     force = first_of(builder, plant.get_net_actuation_output_port(), count, "efforts")
     if plant.time_step() == 0.0:
-        force = mean_force(builder, plant, instances, desired_state, step)
+        force = mean_force(builder, plant, instances, reference.during, step)
     connect(builder, force, holding.get_input_port())
     return holding.get_output_port()
 

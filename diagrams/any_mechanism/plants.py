@@ -37,6 +37,7 @@ from parapod.diagrams.multibody import (
     ground_contact,
     lead_joints,
     mean_force,
+    moving,
 )
 from parapod.diagrams.pads import PADS, add_pads
 from parapod.diagrams.ports import Behind
@@ -359,6 +360,8 @@ def _drive(
     builder, settings = simulation.builder, scenario.plant
     ends, n = arrival(drives, settings.accuracy), len(actuators)
     ends = _beside_encoders(simulation, scenario, ends, "motors_led")
+    step = min(settings.time_step, scenario.control.period)
+    reference = moving(builder, plant, ends, step)
     instances = sorted({actuator.model_instance() for actuator in actuators}, key=int)
     ordered = [
         next(i for i, each in enumerate(actuators) if each.index() == index)
@@ -371,16 +374,15 @@ def _drive(
         mine = ordered[begin : begin + count]
         rows = np.eye(2 * n)[[*mine, *(n + i for i in mine)]]
         part = add(builder, MatrixGain(rows), f"led_{plant.GetModelInstanceName(instance)}")
-        connect(builder, ends, part.get_input_port())
+        connect(builder, reference.now, part.get_input_port())
         lead_joints(builder, plant, instance, part.get_output_port())
         begin += count
-    step = min(settings.time_step, scenario.control.period)
     if settings.accuracy is None:
         force = plant.get_net_actuation_output_port()
         places = [int(actuator.input_start()) for actuator in actuators]
     else:
         whole = add(builder, MatrixGain(np.eye(2 * n)[[*ordered, *(n + i for i in ordered)]]))
-        connect(builder, ends, whole.get_input_port())
+        connect(builder, reference.during, whole.get_input_port())
         force = mean_force(builder, plant, instances, whole.get_output_port(), step)
         places = [ordered.index(i) for i in range(n)]
     select = add(builder, MatrixGain(np.eye(force.size())[places]), "motor_forces")

@@ -39,7 +39,7 @@ from parapod.diagrams.levelling_platform.tip import (
     motion_in,
     without_rod,
 )
-from parapod.diagrams.multibody import add_plant, lead_joints, mean_force
+from parapod.diagrams.multibody import add_plant, lead_joints, mean_force, moving
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.pushes import PushArrows, push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
@@ -291,11 +291,12 @@ def _drive_legs(
     holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
     efforts = first_of(builder, holding.get_output_port(), LEG_COUNT, "efforts")
     ends, load_force = led_legs(builder, model, drives, efforts)
+    reference = moving(builder, plant, ends, time_step)
     force = plant.get_net_actuation_output_port()
     if is_continuous:
-        force = mean_force(builder, plant, model.legs, ends, time_step)
+        force = mean_force(builder, plant, model.legs, reference.during, time_step)
     connect(builder, force, holding.get_input_port())
-    split = split_states(builder, "leg_states", ends, LEG_COUNT)
+    split = split_states(builder, "leg_states", reference.now, LEG_COUNT)
     for port, leg in zip(split, model.legs, strict=True):
         lead_joints(builder, plant, leg, port)
     return load_force

@@ -18,7 +18,7 @@ from pydrake.systems.primitives import (
 )
 
 from parapod.diagrams.drawing import draw_model, publish, remove_visuals
-from parapod.diagrams.multibody import add_plant, arrival, lead_joints, mean_force
+from parapod.diagrams.multibody import add_plant, arrival, lead_joints, mean_force, moving
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.pushes import after, push_bodies, pushes_in
 from parapod.diagrams.simulated import Plant, Rest, Simulation
@@ -124,12 +124,13 @@ def add_bodies(
     stand.set_default(scenario.walk)
     sliders = simulation.add_drives(make_sliders(scenario), "sliders", _put_sliders)
     ends = arrival(sliders, settings.accuracy)
-    lead_joints(builder, plant, model.rail, ends)
+    step = min(settings.time_step, period)
+    reference = moving(builder, plant, ends, step)
+    lead_joints(builder, plant, model.rail, reference.now)
     sampled = add(builder, ZeroOrderHold(period, 3), "slider_force")
     force = plant.get_net_actuation_output_port(model.rail)
     if settings.accuracy is not None:
-        step = min(settings.time_step, period)
-        force = mean_force(builder, plant, [model.rail], ends, step)
+        force = mean_force(builder, plant, [model.rail], reference.during, step)
     connect(builder, force, sampled.get_input_port())
     column = ConstantVectorSource(np.array((scenario.walk.hip[0], 0.0)))
     place = add(builder, column, "column").get_output_port()

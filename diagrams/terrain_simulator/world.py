@@ -18,7 +18,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from parapod.diagrams.drawing import publish, remove_visuals
 from parapod.diagrams.machine import Machine
-from parapod.diagrams.multibody import add_plant, lead_joints
+from parapod.diagrams.multibody import add_plant, lead_joints, moving
 from parapod.diagrams.ports import Behind
 from parapod.diagrams.terrain_simulator.leg import foot_contact
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
@@ -64,10 +64,11 @@ def add_world(
         held = add(builder, ZeroOrderHold(step, 2), "column_held")
         connect(builder, travelled, held.get_input_port())
         travelled = held.get_output_port()
-    lead_joints(builder, plant, on_slide.column, travelled)
+    reference = moving(builder, plant, travelled, step)
+    lead_joints(builder, plant, on_slide.column, reference.now)
     simulation = simulation_of(builder, scenario)
     add_plate(simulation, scenario)
-    add_leg_ports(simulation, scenario, plant, on_slide, travelled)
+    add_leg_ports(simulation, scenario, plant, on_slide, reference.during)
     simulation.rest(ports_of_joints(scenario.leg.ports), {})  # no force in the cells
     outputs = simulation.outputs
     # Heights over the body's rise, as on the bench.

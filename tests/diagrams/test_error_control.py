@@ -8,12 +8,12 @@ from pydrake.multibody.tree import (
     SpatialInertia,
     UnitInertia,
 )
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import TrajectorySource
+from pydrake.systems.framework import DiagramBuilder, EventStatus
+from pydrake.systems.primitives import TrajectorySource, ZeroOrderHold
 from pydrake.trajectories import PiecewisePolynomial
 
 import parapod
-from parapod.diagrams.multibody import add_plant, lead_joints
+from parapod.diagrams.multibody import add_plant, lead_joints, mean_force, moving
 from parapod.diagrams.simulators import simulator_of
 from parapod.diagrams.station import Station
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
@@ -23,9 +23,8 @@ from parapod.systems.core.errors import ScenarioError
 STEP, SPEED, STIFFNESS, LAG = 1e-3, 0.1, 1e5, 0.01  # s, m/s, N/m, damping by stiffness [s]
 
 
-def lateness(is_led):
-    """Time by which a drive trails a motion whose value at the beginning of a step counts [s]."""
-    builder = DiagramBuilder()
+def driven_slider(builder):
+    """A continuous plant with a driven slider of 1 kg, and the slider's model instance."""
     plant, _ = add_plant(builder, STEP, "lagged", 1e-3)
     model = plant.AddModelInstance("slider")
     inertia = SpatialInertia(1.0, np.zeros(3), UnitInertia.SolidSphere(0.1))
@@ -35,6 +34,13 @@ def lateness(is_led):
     drive = plant.AddJointActuator("slider", joint)
     drive.set_controller_gains(PdControllerGains(p=STIFFNESS, d=LAG * STIFFNESS))
     plant.Finalize()
+    return plant, model
+
+
+def lateness(is_led):
+    """Time by which a drive trails a motion whose value at the beginning of a step counts [s]."""
+    builder = DiagramBuilder()
+    plant, model = driven_slider(builder)
     way = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[0.0, 10.0 * SPEED]]))
     source = builder.AddSystem(TrajectorySource(way, 1)).get_output_port()
     if is_led:
@@ -55,6 +61,55 @@ def test_a_drive_that_moves_trails_by_no_more_than_a_step():
 def test_drake_takes_the_damper_of_a_drive_with_the_wrong_sign():
     """Once it does not, `lead_joints` may leave desired velocities as they are."""
     assert lateness(is_led=False) == pytest.approx(STEP + 2.0 * LAG, rel=0.02)
+
+
+START, ACCELERATION = 0.3, 5.0  # m, m/s^2
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 4, 3.3])
+def test_a_plant_moves_as_its_drives_do_however_many_steps_the_integrator_takes(substeps):
+    builder = DiagramBuilder()
+    plant, model = driven_slider(builder)
+    times = np.array([0.0, 2.0])
+    shape = PiecewisePolynomial.CubicHermite(
+        times,
+        START + 0.5 * ACCELERATION * times[np.newaxis] ** 2,
+        ACCELERATION * times[np.newaxis],
+    )
+    # Where the drives are at the end of their step.
+    way = shape.slice(0, 1)
+    way.shiftRight(-STEP)
+    source = builder.AddSystem(TrajectorySource(way, 1)).get_output_port()
+    held = builder.AddSystem(ZeroOrderHold(STEP, 2))
+    builder.Connect(source, held.get_input_port())
+    reference = moving(builder, plant, held.get_output_port(), STEP)
+    lead_joints(builder, plant, model, reference.now)
+    force = mean_force(builder, plant, [model], reference.during, STEP)
+    sampled = builder.AddSystem(ZeroOrderHold(STEP, 1))
+    builder.Connect(force, sampled.get_input_port())
+    simulator = simulator_of(builder.Build())
+    simulator.get_mutable_integrator().set_maximum_step_size(STEP / substeps)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetPositions(context, [START])
+    rows = []
+
+    def look(root_context):
+        own = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root_context))
+        context = sampled.GetMyContextFromRoot(root_context)
+        (mean,) = sampled.get_output_port().Eval(context)
+        rows.append((root_context.get_time(), *own, mean))
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(look)
+    simulator.AdvanceTo(0.2)
+    time, position, velocity, mean = np.array(rows).T
+    late = START + 0.5 * ACCELERATION * time**2 - position
+    assert np.abs(late).max() < 0.1 * ACCELERATION * time[-1] * STEP
+    late, velocity, mean, time = (each[len(rows) // 2 :] for each in (late, velocity, mean, time))
+    # By what the drive yields to the inertia of 1 kg, and a share of the integrator's step.
+    assert late == pytest.approx(ACCELERATION / STIFFNESS, abs=3e-5)
+    assert velocity == pytest.approx(ACCELERATION * time, rel=5e-3)
+    assert mean == pytest.approx(ACCELERATION, rel=0.05)
 
 
 @pytest.mark.parametrize("accuracy", [None, 1e-3])

@@ -644,6 +644,11 @@ ENTRIES: dict[str, Entry] = {
         inputs={"state": around(0.0, 0.02), "desired_state": around(0.0, 0.02)},
         passes={"are passed on": "force"},
     ),
+    "MovingReference": Entry(
+        lambda: {"count": 2},
+        inputs={"arrival": around(0.0, 0.02)},
+        passes={"are passed on": "now during"},
+    ),
     "HipSupport": Entry(inputs=HIP, limits={"force_command": 2000.0}),
     "LoadEstimator": Entry(inputs=BENCH, shares=True),
     "PlatePose": Entry(inputs=BENCH, passes={"NaN where no pose": "pose"}),
