@@ -69,6 +69,7 @@ from parapod.systems.sensors.imu import (
 )
 from parapod.systems.sensors.inertial_motion import InertialMotion
 from parapod.systems.sensors.limit_switches import LimitSwitches
+from parapod.systems.sensors.step_mean import StepMean
 
 
 @dataclass(frozen=True)
@@ -96,11 +97,13 @@ class PlatformPlant(Plant[Beginning]):
         motion: gives the motion of platform and arm.
         load: has systems of `bending_force` or `applied_force` and `wrench` act on it.
         bend: has a rod that is drawn bend.
+        pressing: forces (4) that close the feet's switches; None: the signal contact_force.
     """
 
     motion: Callable[[], ArmMotion]
     load: Callable[[Sequence[FlexibleArm | ExternalLoad]], None]
     bend: Callable[[FlexibleArm], None] = lambda rod: None
+    pressing: OutputPort | None = None
 
 
 type PlantMaker = Callable[
@@ -152,7 +155,10 @@ def add_multibody_plant(
     signals, observers = observe(builder, model, beginning, state, poses, place, rising)
     feet = observers[1]
     connect(builder, plant.get_contact_results_output_port(), feet.GetInputPort("contact_results"))
-    signals |= {"load_force": load_force, "contact_force": feet.GetOutputPort("contact_force")}
+    pressing = contact_force = feet.GetOutputPort("contact_force")
+    if settings.accuracy is not None:
+        contact_force = _mean_over_steps(builder, pressing, scenario.control.period)
+    signals |= {"load_force": load_force, "contact_force": contact_force}
     if meshcat is not None and model.is_full:
         add_visualization(builder, model, state, scene_graph, meshcat)
     else:
@@ -175,7 +181,22 @@ def add_multibody_plant(
             draw_bending(builder, *drawing, rod)
 
     motion = partial(motion_in, builder, model, state)
-    return PlatformPlant(signals, put, weigh, model, motion=motion, load=load, bend=bend)
+    return PlatformPlant(
+        signals, put, weigh, model, motion=motion, load=load, bend=bend, pressing=pressing
+    )
+
+
+def _mean_over_steps(builder: DiagramBuilder, force: OutputPort, period: float) -> OutputPort:
+    """Mean of the contact forces (4) since the last sample, for a continuous plant.
+
+    Its loops are springs whose stiffness goes with the inverse square of the step. Wherever
+    something that is sampled off the drives' steps, as the inertial sensor is, cuts one of the
+    integrator's, they give way by a fraction of a micrometre, and feet of 2.5e7 N/m ring for
+    some milliseconds by ten newtons, which means nothing.
+    """
+    mean = add(builder, StepMean(force.size(), period), "mean_contact_force")
+    connect(builder, force, mean.GetInputPort("signal"))
+    return mean.GetOutputPort("mean")
 
 
 def put_on_ground(
@@ -472,7 +493,8 @@ def add_simulated(
         _add_loads(simulation, scenario, plant, disturbances, step, meshcat)
     connect(builder, plant.signals["load_force"], actuators.GetInputPort("load_force"))
     simulation.outputs["truth.extension"] = actuators.GetOutputPort("extension")
-    _add_leg_sensors(simulation, scenario, actuators, plant.signals["contact_force"])
+    pressing = plant.pressing or plant.signals["contact_force"]
+    _add_leg_sensors(simulation, scenario, actuators, pressing)
     imu_period, late = _add_imu(simulation, scenario, plant.signals)
     return simulation.behind(PARTS, (0.0, imu_period, period, 0.0), (0.0, late, 0.0, 0.0))
 

@@ -124,6 +124,18 @@ def test_a_loop_is_integrated_as_its_scenario_says(accuracy):
         assert integrator.get_maximum_step_size() == scenario.plant.time_step
 
 
+def test_a_platform_that_stands_still_presses_on_the_ground_as_evenly_as_with_steps():
+    """Though its inertial sensor, sampled off the drives' steps, cuts those of the integrator."""
+    scenario = parapod.scenario("compare-engines")
+    scenario.plant.accuracy = 1e-3
+    loop = parapod.closed_loop(scenario)
+    simulator = loop.simulator()
+    simulator.AdvanceTo(0.9)  # the legs wait for the estimate
+    force = loop.recording(simulator.get_context())["truth.contact_force"]
+    assert force[40:].std(axis=0).max() < 0.5
+    assert force[40:].mean(axis=0).min() > 100.0
+
+
 def walked(accuracy):
     scenario = parapod.scenario("bench-walk", backend="multibody")
     scenario.plant.accuracy, scenario.machine.cells.noise_N = accuracy, 0.0

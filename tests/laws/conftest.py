@@ -785,6 +785,11 @@ ENTRIES: dict[str, Entry] = {
         passes={"it is shown as it is": "shaped_command"},
         begins=("shaped_command", lambda given: given["command"]),
     ),
+    "StepMean": Entry(
+        lambda: {"size": 3},
+        inputs={"signal": around(0.0, 1.0)},
+        passes={"are passed on": "mean"},
+    ),
     "Hold": Entry(variants=({"initial": (1.0, 2.0)},), passes={"passes as it is": "held"}),
     "Imu": Entry(
         variants=({"params": ImuParams.ideal(), "decimation": 2},),
