@@ -90,7 +90,11 @@ class Reference(NamedTuple):
 
 
 def moving(
-    builder: DiagramBuilder, plant: MultibodyPlant, ends: OutputPort, step: float
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    ends: OutputPort,
+    step: float,
+    sampled_every: Sequence[float] = (),
 ) -> Reference:
     """References that move between the steps of drives in a continuous plant.
 
@@ -101,10 +105,12 @@ def moving(
         plant: the plant.
         ends: positions (n) and then velocities (n) at the end of the drives' step, see `arrival`.
         step: step of the drives [s].
+        sampled_every: periods of what else is sampled, and not at whole steps of the drives [s].
     """
     if plant.time_step() > 0.0:
         return Reference(ends, ends)
-    reference = add(builder, MovingReference(ends.size() // 2, step), f"moving_{ends.get_name()}")
+    drives = MovingReference(ends.size() // 2, step, sampled_every)
+    reference = add(builder, drives, f"moving_{ends.get_name()}")
     connect(builder, ends, reference.GetInputPort("arrival"))
     return Reference(reference.GetOutputPort("now"), reference.GetOutputPort("during"))
 

@@ -312,7 +312,7 @@ def _drive_legs(
     holding = add(builder, ZeroOrderHold(time_step, count), "holding_effort")
     efforts = first_of(builder, holding.get_output_port(), LEG_COUNT, "efforts")
     ends, load_force = led_legs(builder, model, drives, efforts)
-    reference = moving(builder, plant, ends, time_step)
+    reference = moving(builder, plant, ends, time_step, [sample_period()])
     force = plant.get_net_actuation_output_port()
     if is_continuous:
         force = mean_force(builder, plant, model.legs, reference.during, time_step)

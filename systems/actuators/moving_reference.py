@@ -1,6 +1,7 @@
 """Reference that moves between the steps of drives, for a plant under error control."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
@@ -9,9 +10,8 @@ from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read_array
 from parapod.systems.core.vectors import Array
 
-# Groups of the state, and the share of the drives' step that is none.
-_BEFORE, _UPDATED, _STEP = range(3)
-_NONE = 1e-6
+_BEFORE, _UPDATED, _STEP = range(3)  # groups of the state
+_INSTANT = 1e-6  # below which two times are the same, by the drives' step
 
 
 class MovingReference(LeafSystem):
@@ -28,13 +28,12 @@ class MovingReference(LeafSystem):
     several of its own they would rush ahead in the first ones. So they are led to where the drives
     are at the end of the integrator's step. Drives move between two updates by a cubic polynomial
     of their positions and velocities at both. A step of the integrator is taken to be as long as
-    the longest one since the last update, or the first as that between the two before, and to end
-    where that of the drives does.
+    the last one that nothing cut, and to end where something is sampled.
 
-    State: discrete, the arrival before the last update (2n); the time of this update, and the
-    longest step between it and the one before; and the time at the end of the integrator's last
-    step, with the longest one since an update and the time of that. Times are infinite at first,
-    and until the second update what is shown is the arrival.
+    State: discrete, the arrival before the last update (2n); the time of this update, with 1 once
+    there is one before; and the time at the end of the integrator's last step, with the length of
+    the next one. Times and lengths are infinite at first, and until the second update the arrival
+    is shown.
 
     Bad input: numbers that are not finite are passed on, those of an arrival until it is the one
     before the last.
@@ -42,16 +41,17 @@ class MovingReference(LeafSystem):
     Args:
         count: number of drives n.
         time_step: time between two updates [s].
+        sampled_every: periods of what else is sampled, from time zero on [s].
     """
 
-    def __init__(self, count: int, time_step: float = 1e-3):
+    def __init__(self, count: int, time_step: float = 1e-3, sampled_every: Sequence[float] = ()):
         super().__init__()
         self.set_name("moving_reference")
         self._count, self._time_step = count, time_step
+        self._periods, self._instant = (time_step, *sampled_every), _INSTANT * time_step
         self._arrival = self.DeclareVectorInputPort("arrival", 2 * count)
-        self.DeclareDiscreteState(2 * count)
-        self.DeclareDiscreteState(BasicVector(np.array((math.inf, math.inf))))
-        self.DeclareDiscreteState(BasicVector(np.array((math.inf, 0.0, math.inf))))
+        for group in (np.zeros(2 * count), np.array((math.inf, 0.0)), np.full(2, math.inf)):
+            self.DeclareDiscreteState(BasicVector(group))
         tickets = {self._arrival.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(
             "now", 2 * count, self._calc_now, tickets | {self.time_ticket()}
@@ -61,26 +61,25 @@ class MovingReference(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
 
     def _end_step(self, context: Context, discrete_state: DiscreteValues) -> None:
-        now, (updated, _) = context.get_time(), self._last_update(context)
-        discrete_state.set_value(_STEP, np.array((now, self._longest(context), updated)))
+        last, length = context.get_discrete_state(_STEP).value().tolist()
+        now = context.get_time()
+        duration = now - last
+        if duration > self._instant:
+            is_cut = now > self._next_sample(last) - self._instant
+            length = max(length, duration) if is_cut else duration
+        discrete_state.set_value(_STEP, np.array((now, length)))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._end_step(context, discrete_state)
-        longest = self._longest(context) or math.inf
+        updated, _ = context.get_discrete_state(_UPDATED).value()
+        update = np.array((context.get_time(), float(math.isfinite(updated))))
         discrete_state.set_value(_BEFORE, read_array(self._arrival, context))
-        discrete_state.set_value(_UPDATED, np.array((context.get_time(), longest)))
+        discrete_state.set_value(_UPDATED, update)
 
-    def _last_update(self, context: Context) -> list[float]:
-        """Time of the last update, and the longest step before it."""
-        update: list[float] = context.get_discrete_state(_UPDATED).value().tolist()
-        return update
-
-    def _longest(self, context: Context) -> float:
-        """The longest step since the last update, with the one that ends now; 0: none."""
-        end, longest, since = context.get_discrete_state(_STEP).value().tolist()
-        updated, _ = self._last_update(context)
-        duration = max(context.get_time() - end, 0.0)
-        return float(max(longest, duration) if since == updated else duration)
+    def _next_sample(self, time: float) -> float:
+        """First time after this one at which something is sampled."""
+        after = time + self._instant
+        return min(period * (math.floor(after / period) + 1) for period in self._periods)
 
     def _calc_now(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._at_end_of_step(context, context.get_time()))
@@ -92,13 +91,13 @@ class MovingReference(LeafSystem):
     def _at_end_of_step(self, context: Context, start: float) -> Array:
         """Positions and velocities (2n) at the end of a step that starts then."""
         arrival = read_array(self._arrival, context)
-        updated, longest = self._last_update(context)
-        _, longest_since, since = context.get_discrete_state(_STEP).value().tolist()
-        if since == updated and longest < math.inf and longest_since > _NONE * self._time_step:
-            longest = longest_since
+        updated, has_before = context.get_discrete_state(_UPDATED).value().tolist()
+        _, length = context.get_discrete_state(_STEP).value().tolist()
         step, n = self._time_step, self._count
-        s = (start - updated + longest) / step
-        if not s < 1.0 - _NONE:
+        if not has_before or not math.isfinite(start):
+            return arrival
+        s = (min(start + length, self._next_sample(start)) - updated) / step
+        if not s < 1.0 - _INSTANT:
             return arrival
         s = max(s, 0.0)
         before = context.get_discrete_state(_BEFORE).value()
