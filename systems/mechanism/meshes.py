@@ -76,7 +76,7 @@ def adapt_urdf(root: Element, folder: Path, notes: list[str]) -> list[Drawing]:
             name = mesh.get("filename", "")
             path = find_mesh(folder, name)
             if path is not None and path.suffix.lower() in _DRAWN:
-                mesh.set("filename", str(path))
+                mesh.set("filename", f"file://{path}")
                 continue
             link.remove(shape)
             if path is not None and path.suffix.lower() == ".stl":
@@ -100,7 +100,7 @@ def adapt_sdf(root: Element, folder: Path, notes: list[str]) -> None:
                 continue
             path = find_mesh(folder, (uri.text or "").strip())
             if path is not None and path.suffix.lower() in _DRAWN:
-                uri.text = str(path)
+                uri.text = f"file://{path}"
             else:
                 link.remove(shape)
                 missing.add((uri.text or "").strip())
@@ -109,19 +109,23 @@ def adapt_sdf(root: Element, folder: Path, notes: list[str]) -> None:
 
 
 def find_mesh(folder: Path, name: str) -> Path | None:
-    """File of a mesh near a model's file; None: there is none.
+    """Absolute path of a mesh near a model's file; None: there is none.
+
+    In the text of a model, which is in no folder, Drake takes it with file:// alone.
 
     Args:
         folder: folder of the model's file.
         name: its name in the file: a path, or a URI of a package.
     """
+    path = Path(name.removeprefix("file://"))
+    if path.is_absolute() and path.is_file():
+        return path
     parts = Path(name.partition("://")[2] or name).parts
     parts = tuple(part for part in parts if part != "/")
     if not parts:
         return None
-    if Path(name).is_file():
-        return Path(name)
     # A package is mostly a folder above the file, or not there at all.
+    folder = folder.absolute()
     for base in (folder, *folder.resolve().parents[:3]):
         for first in range(len(parts)):
             candidate = base.joinpath(*parts[first:])

@@ -1,9 +1,11 @@
 """Meshes of models: where they are, STL of both kinds, and what is told of those that are not."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.geometry import Role
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.systems.mechanism.meshes import as_obj, find_mesh, read_stl
@@ -17,6 +19,19 @@ URDF = """<robot name="r"><link name="a">
   <visual><geometry><mesh filename="file:///gone/other.dae"/></geometry></visual>
   <collision><geometry><mesh filename="package://nowhere/meshes/part.stl"/></geometry></collision>
 </link></robot>"""
+
+# A link with a mesh that is seen and one that collides, in both formats.
+_SHAPES = (
+    "<{tag}><geometry><mesh filename='parts/a.obj'/></geometry></{tag}>",
+    "<{tag} name='{tag}'><geometry><mesh><uri>parts/a.obj</uri></mesh></geometry></{tag}>",
+)
+_URDF_SHAPES, _SDF_SHAPES = (
+    "".join(shape.format(tag=tag) for tag in ("visual", "collision")) for shape in _SHAPES
+)
+BESIDE = {
+    "urdf": f'<robot name="r"><link name="a">{_URDF_SHAPES}</link></robot>',
+    "sdf": f'<sdf version="1.9"><model name="r"><link name="a">{_SDF_SHAPES}</link></model></sdf>',
+}
 
 
 def binary() -> bytes:
@@ -61,6 +76,26 @@ def test_meshes_are_found_near_the_file_whatever_package_they_are_of(tmp_path):
         assert path.samefile(mesh)
     assert find_mesh(folder, "package://robot/meshes/other.stl") is None
     assert find_mesh(folder, "") is None
+
+
+@pytest.mark.parametrize("form", BESIDE)
+def test_a_relative_name_is_that_of_a_mesh_beside_the_model(tmp_path, monkeypatch, form):
+    home, elsewhere = tmp_path / "the model", tmp_path / "elsewhere"
+    for folder, size in ((home, 1.0), (elsewhere, 2.0)):
+        (folder / "parts").mkdir(parents=True)
+        (folder / "parts" / "a.obj").write_text(as_obj(size * CORNERS))
+    (home / f"r.{form}").write_text(BESIDE[form])
+    for place, name in ((home, "r"), (elsewhere, "../the model/r"), (elsewhere, home / "r")):
+        monkeypatch.chdir(place)
+        path = Path(f"{name}.{form}")
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+        assert add_model(plant, path).notes == []
+        inspector = scene_graph.model_inspector()
+        frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("a").index())
+        (drawn,) = inspector.GetGeometries(frame, Role.kIllustration)
+        source = inspector.GetShape(drawn).source().path()
+        assert source.samefile(home / "parts" / "a.obj")
+        add_model(MultibodyPlant(0.0), path)  # which is not drawn
 
 
 def test_an_stl_is_drawn_where_it_is_and_others_are_named(tmp_path):
