@@ -73,8 +73,8 @@ def add_mjcf(model: Model) -> None:
     """
     mujoco: Any = need("mujoco")
     try:
-        spec = mujoco.MjSpec.from_string(model.path.read_text(encoding="utf-8"))
-        spec.modelfiledir = str(model.path.resolve().parent)
+        # By its path: what it includes is beside it.
+        spec = mujoco.MjSpec.from_file(str(model.path.absolute()))
         compiled = spec.compile()
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())

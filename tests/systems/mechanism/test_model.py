@@ -226,6 +226,20 @@ def test_an_mjcf_has_the_poses_and_masses_that_mujoco_gives_it(tmp_path):
         ]
 
 
+def test_what_an_mjcf_includes_is_beside_it_wherever_it_is_read(tmp_path, monkeypatch):
+    _, body = UNLIKE.split("<default>")
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "robot.xml").write_text(f"<mujoco><default>{body}")
+    scene = '<mujoco><compiler angle="degree"/><include file="parts/robot.xml"/></mujoco>'
+    (tmp_path / "scene.xml").write_text(scene)
+    whole = tmp_path / "unlike.xml"
+    whole.write_text(UNLIKE)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    homes = [Mechanism.load(path).home for path in (whole, "../scene.xml")]
+    np.testing.assert_array_equal(*homes)
+
+
 def test_loops_of_an_mjcf_are_closed_where_mujoco_has_them_closed(tmp_path):
     path = tmp_path / "unlike.xml"
     path.write_text(UNLIKE)
