@@ -1,11 +1,14 @@
 """`parapod convert`: writes a closed-loop mechanism in another format, with its loops."""
 
 import argparse
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from parapod.sims.cli.arguments import HELD, check_outputs
 from parapod.sims.cli.pose import add_model_arguments
+from parapod.systems.core.errors import OutputError
+from parapod.systems.core.quoting import quoted_path
 
 HELP = "write a mechanism as URDF, SDFormat or MJCF, loops kept"
 DESCRIPTION = (
@@ -37,14 +40,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    from parapod.sims.lab.converted import convert
+    from parapod.sims.lab.converted import convert, files_of
     from parapod.sims.output.model_file import format_of
-    from parapod.systems.mechanism.model import add_model
+    from parapod.systems.mechanism.model import add_model, loops_beside
 
     name = arguments.file.name.removesuffix(".dmd.yaml").removesuffix(arguments.file.suffix)
     out = arguments.out or Path(f"{name}{_SUFFIXES[arguments.to]}")
     format_of(out, arguments.to)
     check_outputs({"out": out})
+    sources = {"the model": arguments.file}
+    if loops := arguments.loops or loops_beside(arguments.file):
+        sources["the file of its loops"] = loops
+    _keep(sources, files_of(out, arguments.to))
 
     def read(plant: Any) -> Any:
         options = arguments.loops, arguments.motors, arguments.free
@@ -60,3 +67,20 @@ def execute(arguments: argparse.Namespace) -> int:
         f"links are where they were within {1e9 * result.largest_gap:.2g} nm"
     )
     return HELD
+
+
+def _keep(sources: Mapping[str, Path], files: Iterable[Path]) -> None:
+    """Refuses to write over what is read.
+
+    Args:
+        sources: files that are read, by words for them.
+        files: files that are written.
+
+    Raises:
+        OutputError: names the file and the option.
+    """
+    for file in files:
+        for what, source in sources.items():
+            if file.exists() and source.exists() and file.samefile(source):
+                words = f"cannot write {quoted_path(file)}: it is {what} that is read"
+                raise OutputError(f"{words}; name another file with --out", file)

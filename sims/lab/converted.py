@@ -47,6 +47,16 @@ class Conversion:
     largest_gap: float
 
 
+def files_of(out: Path, form: str) -> tuple[Path, ...]:
+    """Files that are written: the YAML with loops and motors, where there is one, and the model.
+
+    Args:
+        out: the model's file.
+        form: "urdf", "sdf" or "mjcf".
+    """
+    return (out,) if form == "mjcf" else (out.with_name(f"{out.name}.yaml"), out)
+
+
 def convert(read: Callable[[Any], Model], name: str, form: str, out: Path) -> Conversion:
     """Writes a mechanism in a format, reads it back and compares.
 
@@ -69,8 +79,8 @@ def convert(read: Callable[[Any], Model], name: str, form: str, out: Path) -> Co
     tree = Description(plant, context, scene_graph, name, model.loops)
     more = [*mechanism.notes, *notes(tree, form)]
     files = write_model(out, form, tree)
-    if form != "mjcf":
-        path = out.with_name(f"{out.name}.yaml")
+    path, *others = files_of(out, form)
+    if others:
         with atomic_output(path) as temporary:
             temporary.write_text(_loops_beside(mechanism, tree), encoding="utf-8")
         files.insert(0, path)

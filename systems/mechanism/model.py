@@ -158,13 +158,17 @@ def _is_mjcf(path: Path) -> bool:
     return path.suffix.lower() in (".xml", ".mjcf")
 
 
-def _settings(path: Path, loops_file: Path | None) -> tuple[LoopsFile, str]:
-    """Loops beside a model, and the name of their file."""
+def loops_beside(path: Path) -> Path | None:
+    """File of the loops of a model, where there is one beside it."""
     name = path.name.removesuffix(".dmd.yaml").removesuffix(path.suffix)
     # An MJCF has all that it needs, and may be beside a URDF that has not.
     usual = [] if _is_mjcf(path) else [f"{path.name}.yaml", f"{name}.yaml"]
-    beside = (file for file in map(path.with_name, usual) if file.is_file())
-    file = loops_file if loops_file is not None else next(beside, None)
+    return next((file for file in map(path.with_name, usual) if file.is_file()), None)
+
+
+def _settings(path: Path, loops_file: Path | None) -> tuple[LoopsFile, str]:
+    """Loops of a model, and the name of their file."""
+    file = loops_file if loops_file is not None else loops_beside(path)
     if file is None:
         return LoopsFile(), quoted_path(path)
     settings = load_scenario(LoopsFile, file=file)

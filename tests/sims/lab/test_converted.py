@@ -89,3 +89,33 @@ def test_mistakes_are_refused_in_a_line(capsys, tmp_path, monkeypatch, words, li
     assert line in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_read_is_not_written_over(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("hexapod.urdf", "hexapod.yaml"):
+        shutil.copy(FILES["hexapod"].with_name(name), tmp_path)
+    (tmp_path / "link.urdf").symlink_to("hexapod.urdf")
+    shutil.copy(FILES["delta"], tmp_path / "delta.xml")
+    shutil.copy(tmp_path / "hexapod.yaml", tmp_path / "other.sdf.yaml")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for words, name in (
+        (["delta.xml", "--to", "mjcf"], "delta.xml"),
+        ([str(tmp_path / "delta.xml"), "--to", "mjcf"], "delta.xml"),
+        (
+            ["delta.xml", "--to", "mjcf", "--out", "../" + tmp_path.name + "/delta.xml"],
+            "delta.xml",
+        ),
+        (["hexapod.urdf", "--to", "urdf"], "hexapod.urdf"),
+        (["hexapod.urdf", "--to", "urdf", "--out", "link.urdf"], "link.urdf"),
+        (
+            ["hexapod.urdf", "--loops", "other.sdf.yaml", "--to", "sdf", "--out", "other.sdf"],
+            "other.sdf.yaml",
+        ),
+    ):
+        assert main(["convert", *words]) == 2
+        error = capsys.readouterr().err
+        assert name in error
+        assert "--out" in error
+        assert error.count("\n") == 1
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
