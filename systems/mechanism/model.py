@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,6 +28,8 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
     Joint,
+    JointActuator,
+    PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
     SpatialInertia,
@@ -57,6 +59,9 @@ _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 _SPREAD = 0.05
 # Angle by which a range of a whole turn may be smaller [rad].
 _TURN = 0.02
+# Limit of a joint or motor from which on there is none: the largest number stands in formats that
+# cannot leave one out [N, m, s].
+_ENDLESS = 1e300
 # Axes of the frames of a universal joint that is turned round: about y, then x, both back.
 _REVERSED = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # Inertia of the body between a joint that closes a loop and the link that it is welded to
@@ -123,6 +128,7 @@ def add_model(
         add_mjcf(model)
     else:
         _add_by_drake(model)
+        _free_endless(plant)
         _change_joints(model, settings, source)
         _cut_loops(model)
     if is_free:
@@ -248,7 +254,26 @@ def _efforts(root: ElementTree.Element) -> dict[str, float]:
     limits = ((joint.get("name", ""), joint.find("limit")) for joint in root.iter("joint"))
     efforts = ((name, limit.get("effort", "")) for name, limit in limits if limit is not None)
     numbers = {name: float(effort) for name, effort in efforts if _NUMBER.fullmatch(effort)}
-    return {name: effort for name, effort in numbers.items() if effort > 0.0}
+    return {name: effort for name, effort in numbers.items() if 0.0 < effort < _ENDLESS}
+
+
+def _free_endless(plant: MultibodyPlant) -> None:
+    """Takes limits away that are numbers for none."""
+    for joint in (plant.get_joint(index) for index in plant.GetJointIndices()):
+        if joint.num_velocities() > 0:
+            for what in ("position", "velocity"):
+                limits = [
+                    np.array(getattr(joint, f"{what}_{side}_limits")())
+                    for side in ("lower", "upper")
+                ]
+                ends = [
+                    np.where(np.abs(limit) < _ENDLESS, limit, np.copysign(np.inf, limit))
+                    for limit in limits
+                ]
+                getattr(joint, f"set_{what}_limits")(*ends)
+    for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
+        if actuator.effort_limit() >= _ENDLESS:
+            actuator.set_effort_limit(np.inf)
 
 
 def _adapt_joints(root: ElementTree.Element, notes: list[str]) -> None:
@@ -303,13 +328,42 @@ def _change_joints(model: Model, settings: LoopsFile, source: str) -> None:
         model.plant.AddJoint(UniversalJoint(name, *ends))
 
 
-def _remove_joint(plant: MultibodyPlant, joint: Joint) -> float | None:
-    """Removes a joint and its actuator; returns the effort of that, None where it had none."""
-    effort = None
+@dataclass(frozen=True)
+class _Motor:
+    """What is kept of an actuator while its joint is replaced."""
+
+    effort: float
+    rotor_inertia: float
+    gear_ratio: float
+    gains: PdControllerGains | None
+
+    @classmethod
+    def of(cls, actuator: JointActuator) -> Self:
+        """The motor of an actuator."""
+        gains = actuator.get_controller_gains() if actuator.has_controller() else None
+        return cls(
+            actuator.effort_limit(),
+            actuator.default_rotor_inertia(),
+            actuator.default_gear_ratio(),
+            PdControllerGains(p=gains.p, d=gains.d) if gains else None,
+        )
+
+    def add_to(self, plant: MultibodyPlant, joint: Joint) -> None:
+        """Adds it to a joint."""
+        added = plant.AddJointActuator(joint.name(), joint, self.effort)
+        added.set_default_rotor_inertia(self.rotor_inertia)
+        added.set_default_gear_ratio(self.gear_ratio)
+        if self.gains is not None:
+            added.set_controller_gains(self.gains)
+
+
+def _remove_joint(plant: MultibodyPlant, joint: Joint) -> _Motor | None:
+    """Removes a joint and its actuator; returns the motor, None where it had none."""
+    motor = None
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         if actuator.joint().index() == joint.index():
-            effort = actuator.effort_limit()
+            motor = _Motor.of(actuator)
             plant.RemoveJointActuator(actuator)
     try:
         plant.RemoveJoint(joint)
@@ -318,7 +372,7 @@ def _remove_joint(plant: MultibodyPlant, joint: Joint) -> float | None:
             f"the joint {joint.name()} cannot be cut or changed in a model that has constraints "
             f"of its own: {' '.join(str(error).split())}"
         ) from None
-    return effort
+    return motor
 
 
 def _cut_loops(model: Model) -> None:
@@ -362,9 +416,9 @@ def _split(model: Model, joint: Any) -> None:
     ]
     if joint.type_name() == "screw":
         axes.append(0.0)  # damping
-    limits = _limits(joint)
+    limits = _Limits.of(joint)
     _remove_joint(plant, joint)
-    plant.AddJoint(kind(name, parent, end, *axes)).set_position_limits(*limits)
+    limits.put(plant.AddJoint(kind(name, parent, end, *axes)))
     model.loops.append(Weld(body, RigidTransform(), link, RigidTransform(), name=name))
 
 
@@ -441,14 +495,14 @@ def _replace_by_reversed(plant: MultibodyPlant, joint: Any, parent: Frame, child
         return
     is_hinge = kind == "revolute"
     axis = -np.array(joint.revolute_axis() if is_hinge else joint.translation_axis())
-    limits, damping = _limits(joint), float(joint.default_damping_vector()[0])
-    effort = _remove_joint(plant, joint)
+    limits, damping = _Limits.of(joint), float(joint.default_damping_vector()[0])
+    motor = _remove_joint(plant, joint)
     turned_kind = RevoluteJoint if is_hinge else PrismaticJoint
     added: Any = plant.AddJoint(turned_kind(name, parent, child, axis))
     added.set_default_damping(damping)
-    added.set_position_limits(*limits)
-    if effort is not None:
-        plant.AddJointActuator(name, added, effort)
+    limits.put(added)
+    if motor is not None:
+        motor.add_to(plant, added)
 
 
 def _make_plain(model: Model, joint: Any) -> None:
@@ -459,20 +513,36 @@ def _make_plain(model: Model, joint: Any) -> None:
     if kind not in PLAIN_AXES and not (kind == "revolute" and is_beside):
         return
     axes = PLAIN_AXES.get(kind) or {"": tuple(joint.revolute_axis())}
-    limits = _limits(joint)
+    limits = _Limits.of(joint)
     damping = joint.default_damping_vector().tolist()  # a copy: the joint goes
-    effort = _remove_joint(plant, joint)
+    motor = _remove_joint(plant, joint)
     for k, hinge in enumerate(add_hinges(plant, name, parent, child, axes)):
         hinge.set_default_damping(damping[min(k, len(damping) - 1)])
         if len(axes) == 1:
-            hinge.set_position_limits(*limits)
-            if effort is not None:
-                plant.AddJointActuator(name, hinge, effort)
+            limits.put(hinge)
+            if motor is not None:
+                motor.add_to(plant, hinge)
 
 
-def _limits(joint: Joint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+@dataclass(frozen=True)
+class _Limits:
     """Copies of a joint's limits, which stay when the joint goes."""
-    return np.array(joint.position_lower_limits()), np.array(joint.position_upper_limits())
+
+    positions: tuple[NDArray[np.float64], NDArray[np.float64]]
+    velocities: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+    @classmethod
+    def of(cls, joint: Joint) -> Self:
+        """Those of a joint."""
+        return cls(
+            (np.array(joint.position_lower_limits()), np.array(joint.position_upper_limits())),
+            (np.array(joint.velocity_lower_limits()), np.array(joint.velocity_upper_limits())),
+        )
+
+    def put(self, joint: Joint) -> None:
+        """Gives them to a joint."""
+        joint.set_position_limits(*self.positions)
+        joint.set_velocity_limits(*self.velocities)
 
 
 def _turned_frames(

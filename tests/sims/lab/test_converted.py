@@ -1,5 +1,6 @@
 """Mechanisms in other formats: the same when they are read back, loops and motors kept."""
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from parapod.diagrams.any_mechanism.design import MechanismDesign
 from parapod.sims.cli.main import main
 from parapod.systems.mechanism.mechanism import Mechanism
 
@@ -48,6 +50,39 @@ def test_a_mechanism_is_the_same_in_every_format(tmp_path, capsys, name, form):
                 m.pose(link, q).translation() for m, q in zip((before, after), poses, strict=True)
             ]
             np.testing.assert_allclose(places[0], places[1], rtol=0.0, atol=1e-8)
+
+
+def limits(mechanism, joint):
+    """Limits of a joint and its motor."""
+    actuators = map(mechanism.plant.get_joint_actuator, mechanism.plant.GetJointActuatorIndices())
+    sides = ("lower", "upper")
+    return {
+        "position": [*(getattr(joint, f"position_{side}_limits")()[0] for side in sides)],
+        "velocity": [*(getattr(joint, f"velocity_{side}_limits")()[0] for side in sides)],
+        "effort": [a.effort_limit() for a in actuators if a.joint().index() == joint.index()],
+    }
+
+
+@pytest.mark.parametrize("form", ["urdf", "sdf"])
+@pytest.mark.parametrize("name", ["delta", "three_rps", "four_bar", "limited"])
+def test_limits_are_the_same_and_there_are_none_where_there_were_none(tmp_path, name, form):
+    source, out = FILES.get(name), tmp_path / f"out.{form}"
+    if source is None:  # one motor with limits of all kinds, and one without a transmission
+        text = FILES["hexapod"].read_text()
+        ends = 'effort="7" velocity="0.3"/>'
+        source = tmp_path / "limited.urdf"
+        source.write_text(re.sub(r'effort="[^"]*" velocity="[^"]*"/>', ends, text, count=1))
+        shutil.copy(FILES["hexapod"].with_suffix(".yaml"), tmp_path / "limited.yaml")
+    assert main(["convert", str(source), "--to", form, "--out", str(out)]) == 0
+    before, after = Mechanism.load(source), Mechanism.load(out)
+    for joint in before.joints:
+        if joint.num_velocities() == 1:
+            one, two = limits(before, joint), limits(after, after.joint(joint.name()))
+            assert two == one
+            assert two["velocity"] == [-two["velocity"][1], two["velocity"][1]]
+    machines = [MechanismDesign(file=str(path)).built.motors for path in (source, out)]
+    assert machines[1].velocities == machines[0].velocities
+    assert machines[1].forces == machines[0].forces
 
 
 def test_a_converted_mjcf_stands_in_mujoco_with_its_loops_closed(tmp_path):
