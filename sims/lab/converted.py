@@ -76,7 +76,7 @@ def convert(read: Callable[[Any], Model], name: str, form: str, out: Path) -> Co
     mechanism = Mechanism.of_model(model)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, mechanism.home)
-    tree = Description(plant, context, scene_graph, name, model.loops)
+    tree = Description(plant, context, scene_graph, name, model.loops, form == "sdf")
     more = [*mechanism.notes, *notes(tree, form)]
     files = write_model(out, form, tree)
     path, *others = files_of(out, form)

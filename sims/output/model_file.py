@@ -123,6 +123,9 @@ def notes(tree: Description, form: str) -> list[str]:
         if joint.num_velocities() and joint.is_locked(tree.context)
     ]:
         lines.append(f"not in {title}: the locks of {', '.join(locked)}")
+    if tree.other_names:
+        pairs = ", ".join(f"{own} is {name}" for name, own in tree.other_names.items())
+        lines.append(f"joints have other names in {title}, as links have theirs: {pairs}")
     pairs = zip(tree.bodies, tree.links, strict=True)
     belts = [link for body, link in pairs if tree.belt(body) is not None]
     if belts:

@@ -22,6 +22,7 @@ from pydrake.multibody.tree import (
     RigidBody,
     SpatialInertia,
     WeldJoint,
+    default_model_instance,
 )
 from pydrake.systems.framework import Context
 
@@ -102,6 +103,7 @@ class Description:
         constraints: all constraints, as `find_constraints` returns them.
         actuators: actuator of each joint that has one, by the joint's name.
         couplings: coupling of each joint that follows another one, by the joint's name.
+        other_names: names of joints that a link has too, by those that they have in its place.
     """
 
     def __init__(
@@ -111,6 +113,7 @@ class Description:
         scene_graph: SceneGraph,
         name: str,
         loops: Sequence[Loop] = (),
+        shares_names: bool = True,
     ):
         """Names what a plant has.
 
@@ -120,6 +123,7 @@ class Description:
             scene_graph: holds the geometry of the plant.
             name: name of the model in the file.
             loops: those that were added by `add_loop`; they need not be searched for.
+            shares_names: false if a joint may have the name of a link, as in all but SDFormat.
 
         Raises:
             WiringError: joints of a kind, or a body on two joints, that files do not know.
@@ -133,7 +137,13 @@ class Description:
             raise WiringError("a body hangs on two joints, which files do not know")
         used_names = {"world"}
         self.links = ["world", *unique_names(self.bodies[1:], "link", used_names)]
-        self.joint_names = unique_names(self.joints, "joint", used_names)
+        names_of_joints = used_names if shares_names else set()
+        self.joint_names = unique_names(self.joints, "joint", names_of_joints)
+        self.other_names = {
+            name: joint.name()
+            for name, joint in zip(self.joint_names, self.joints, strict=True)
+            if joint.num_velocities() == 1 and name != joint.name() and joint.name() in self.links
+        }
         sides = ("parent", "child")
         automatic = {f"{joint.name()}_{side}" for joint in self.joints for side in sides}
         frames = [
@@ -265,7 +275,8 @@ def unique_names(parts: Sequence[Any], kind: str, used_names: set[str]) -> list[
     counts, names = Counter(part.name() for part in parts), []
     for part in parts:
         name, instance = part.name(), part.GetParentPlant().GetModelInstanceName
-        if counts[name] > 1 or name in used_names:
+        is_only = counts[name] == 1 and part.model_instance() == default_model_instance()
+        if (counts[name] > 1 or name in used_names) and not is_only:
             name = f"{instance(part.model_instance())}_{name}"
         numbered = (f"{name}_{i}" for i in range(2, len(parts) + 3))
         tries = itertools.chain((name, f"{name}_{kind}"), numbered)

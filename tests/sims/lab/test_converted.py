@@ -52,6 +52,26 @@ def test_a_mechanism_is_the_same_in_every_format(tmp_path, capsys, name, form):
             np.testing.assert_allclose(places[0], places[1], rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_joint_has_the_name_of_its_link_where_the_format_lets_it(tmp_path, capsys, form):
+    source, out = tmp_path / "source.xml", tmp_path / f"out{FORMATS[form]}"
+    # Its gear is a joint and a link; so is its shaft, which has the motor.
+    source.write_text(
+        FILES["welded"].read_text().replace('body name="crank"', 'body name="shaft"')
+    )
+    assert main(["convert", str(source), "--to", form, "--out", str(out)]) == 0
+    others = {"shaft": "shaft_joint", "gear": "gear_joint"} if form == "sdf" else {}
+    note = "joints have other names in SDFormat, as links have theirs: shaft is shaft_joint, gear"
+    assert (note in capsys.readouterr().out) == bool(others)
+    before, after = Mechanism.load(source), Mechanism.load(out)
+    for joint in before.joints:
+        if joint.num_velocities() == 1:
+            assert after.joint(others.get(joint.name(), joint.name())).num_velocities() == 1
+    (motor,) = after.motors
+    assert motor.name() == others.get("shaft", "shaft")
+    assert all(after.plant.HasBodyNamed(link) for link in ("shaft", "gear"))
+
+
 def limits(mechanism, joint):
     """Limits of a joint and its motor."""
     actuators = map(mechanism.plant.get_joint_actuator, mechanism.plant.GetJointActuatorIndices())
