@@ -11,14 +11,14 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from parapod.sims.output.atomic import atomic_output
-from parapod.sims.output.model_file import notes, write_model
+from parapod.sims.output.model_file import TITLES, notes, write_model
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
 from parapod.systems.mechanism.mechanism import Mechanism
 from parapod.systems.mechanism.model import LoopsFile
 from parapod.systems.mechanism.parts import Model
-from parapod.systems.physics.description import Description
+from parapod.systems.physics.description import KINDS, Description
 
 type Floats = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def convert(read: Callable[[Any], Model], name: str, form: str, out: Path) -> Co
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, mechanism.home)
     tree = Description(plant, context, scene_graph, name, model.loops, form == "sdf")
-    more = [*mechanism.notes, *notes(tree, form)]
+    more = [*mechanism.notes, *notes(tree, form), *_floating(tree, form)]
     files = write_model(out, form, tree)
     path, *others = files_of(out, form)
     if others:
@@ -88,6 +88,23 @@ def convert(read: Callable[[Any], Model], name: str, form: str, out: Path) -> Co
     gap = _compare(mechanism, tree, out)
     of = mechanism.mobility
     return Conversion(tuple(files), tuple(more), of.freedoms, len(mechanism.loops), gap)
+
+
+def _floating(tree: Description, form: str) -> list[str]:
+    """Lines about links that float, where a format cannot say so or not where."""
+    on_world = {
+        tree.link(joint.child_body()): joint
+        for joint in tree.joints
+        if joint.parent_body().index() == tree.plant.world_body().index()
+    }
+    names = [name for name, joint in on_world.items() if KINDS[type(joint)] == "floating"]
+    if form == "mjcf" or not names:
+        return []
+    title, links = TITLES[form], ", ".join(names)
+    lines = [f"the pose of {links} is not in URDF: it floats"] if form == "urdf" else []
+    if len(names) == len(on_world):
+        lines.append(f"not in {title}: that {links} is free; --free reads it back so")
+    return lines
 
 
 def _loops_beside(mechanism: Mechanism, tree: Description) -> str:

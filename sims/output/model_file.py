@@ -17,7 +17,7 @@ FORMATS = {"urdf": urdf, "sdf": sdf, "mjcf": mjcf}
 _SUFFIXES = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf", ".xml": "mjcf"}
 # Names of files in a mesh.
 _REFERENCE = re.compile(r"[^\s\"']+\.(?:mtl|png|jpe?g|bin|ktx2)")
-_TITLES = {"urdf": "URDF", "sdf": "SDFormat", "mjcf": "MJCF"}
+TITLES = {"urdf": "URDF", "sdf": "SDFormat", "mjcf": "MJCF"}
 
 
 def format_of(path: Path, required: str | None) -> str:
@@ -33,7 +33,7 @@ def format_of(path: Path, required: str | None) -> str:
     form = _SUFFIXES.get(path.suffix.lower())
     if form is None or required not in (None, form):
         fit = [suffix for suffix, each in _SUFFIXES.items() if required in (None, each)]
-        what = "a machine's suffix" if required is None else f"the suffix of {_TITLES[required]}"
+        what = "a machine's suffix" if required is None else f"the suffix of {TITLES[required]}"
         words = f"cannot write {quoted_path(path)}: {what} must be one of {', '.join(fit)}"
         raise OutputError(words, path)
     return form
@@ -66,7 +66,7 @@ def write_model(path: Path, form: str, tree: Description) -> list[Path]:
     try:
         text = FORMATS[form](tree, mesh, notes(tree, form))
     except WiringError as error:
-        raise ParapodError(f"cannot write {_TITLES[form]}: {error}") from None
+        raise ParapodError(f"cannot write {TITLES[form]}: {error}") from None
     check_writable(path)
     files = {
         path.with_name(folder.name) / Path(name).name: source for source, name in meshes.items()
@@ -102,7 +102,7 @@ def notes(tree: Description, form: str) -> list[str]:
         tree: the machine, described.
         form: a key of `FORMATS`.
     """
-    title, lines = _TITLES[form], []
+    title, lines = TITLES[form], []
     balls = [closure for closure in tree.closures if closure.kind == "ball"]
     if form != "mjcf" and balls:
         lines.append(

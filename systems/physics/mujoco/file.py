@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Comment, Element, fromstring, indent, tostring
 
 import numpy as np
+from pydrake.multibody.tree import QuaternionFloatingJoint
 
 from parapod.systems.core.errors import WiringError
 from parapod.systems.core.extras import need
@@ -48,6 +49,7 @@ def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
     translation.add_visuals(tree.scene_graph)
     spec: Any = translation.spec
     spec.modelname = tree.name
+    _place(spec, tree)
     for body in spec.bodies:
         body.mocap = False
     for geom in spec.geoms:
@@ -76,6 +78,15 @@ def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
         root.insert(i, Comment(f" {note.replace('--', '- -')} "))
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
+
+
+def _place(spec: Any, tree: Description) -> None:
+    """Puts what floats where it stands, as a file is mostly loaded without its key frame."""
+    for joint in tree.joints:
+        if isinstance(joint, QuaternionFloatingJoint):
+            pose = tree.plant.EvalBodyPoseInWorld(tree.context, joint.child_body())
+            body = spec.body(body_name(joint.child_body()))
+            body.pos, body.quat = pose.translation(), pose.rotation().ToQuaternion().wxyz()
 
 
 def _weigh(mujoco: ModuleType, spec: Any, model: Any) -> None:

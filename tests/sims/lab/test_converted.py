@@ -72,6 +72,76 @@ def test_a_joint_has_the_name_of_its_link_where_the_format_lets_it(tmp_path, cap
     assert all(after.plant.HasBodyNamed(link) for link in ("shaft", "gear"))
 
 
+# A trunk that floats, with a four-bar linkage whose loop is closed where all joints are at zero.
+WALKER = """<mujoco model="walker">
+  <option gravity="{gravity}"/>
+  <worldbody>
+    <body name="trunk" pos="0.1 -0.2 0.7" quat="0.8 0 0.6 0">{base}
+      <inertial pos="0.01 0 0.02" mass="5" diaginertia="0.1 0.2 0.3"/>
+      <body name="crank" pos="0.1 0 0">
+        <joint name="hip" axis="0 1 0" armature="0.02" damping="0.1" range="-60 60"/>
+        <inertial pos="0 0 -0.1" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>
+        <body name="rod" pos="0 0 -0.2">
+          <joint name="knee" axis="0 1 0" armature="0.001"/>
+          <inertial pos="0.1 0 0" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/>
+        </body>
+      </body>
+      <body name="rocker" pos="0.3 0 0">
+        <joint name="rear" axis="0 1 0" stiffness="1.5" springref="20"/>
+        <inertial pos="0 0 -0.1" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>
+      </body>
+      <body name="tail" pos="-0.2 0 0">
+        <joint name="tail" axis="0 1 0" armature="0.03"/>
+        <inertial pos="-0.1 0 0" mass="0.5" diaginertia="2e-3 2e-3 2e-3"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><connect body1="rod" body2="rocker" anchor="0.2 0 0"/></equality>
+  <actuator>
+    {actuators}
+  </actuator>
+  <keyframe><key qpos="{key}"/></keyframe>
+</mujoco>"""
+SERVOS = """<position name="drive" joint="hip" kp="40" kv="2" gear="2" forcerange="-3 3"
+      ctrlrange="-1 1"/>
+    <position name="balance" joint="tail" kp="90" kv="1" forcerange="-8 6"/>"""
+
+
+def walker(path, actuators=SERVOS, base="<freejoint name='float'/>", gravity="0 0 -9.81"):
+    """Writes the walker, and returns its file."""
+    key = " ".join(["0"] * (4 if not base else 11)) if not base else "1 2 3 1 0 0 0 0 0 0 0"
+    path.write_text(WALKER.format(actuators=actuators, base=base, gravity=gravity, key=key))
+    return path
+
+
+def test_a_base_that_floats_is_where_it_was_without_the_key_frame(tmp_path, capsys):
+    source, out = walker(tmp_path / "source.xml"), tmp_path / "out.xml"
+    assert main(["convert", str(source), "--to", "mjcf", "--out", str(out)]) == 0
+    poses = [mujoco.MjModel.from_xml_path(str(path)).qpos0 for path in (source, out)]
+    np.testing.assert_allclose(poses[1], poses[0], rtol=0.0, atol=1e-9)
+    homes = [m.pose("trunk", m.home).GetAsMatrix4() for m in map(Mechanism.load, (source, out))]
+    np.testing.assert_allclose(homes[1], homes[0], rtol=0.0, atol=1e-9)
+    # URDF holds neither, SDFormat the pose alone.
+    capsys.readouterr()
+    for form in ("urdf", "sdf"):
+        out = tmp_path / f"out.{form}"
+        assert main(["convert", str(source), "--to", form, "--out", str(out)]) == 0
+        lines = capsys.readouterr().out
+        assert "that trunk is free; --free reads it back so" in lines
+        assert ("the pose of trunk is not in URDF" in lines) == (form == "urdf")
+        freedoms = [Mechanism.load(out, is_free=free).mobility.freedoms for free in (None, True)]
+        assert freedoms == [2, 8]
+        if form == "sdf":
+            other = Mechanism.load(out, is_free=True)
+            pose = other.pose("trunk", other.home).GetAsMatrix4()
+            np.testing.assert_allclose(pose, homes[0], rtol=0.0, atol=1e-9)
+    base = tmp_path / "welded.xml"
+    capsys.readouterr()
+    arguments = ["convert", str(walker(base, base="")), "--to", "urdf"]
+    assert main([*arguments, "--out", str(tmp_path / "welded.urdf")]) == 0
+    assert "--free" not in capsys.readouterr().out
+
+
 def limits(mechanism, joint):
     """Limits of a joint and its motor."""
     actuators = map(mechanism.plant.get_joint_actuator, mechanism.plant.GetJointActuatorIndices())
