@@ -76,7 +76,10 @@ def convert(read: Callable[[Any], Model], name: str, form: str, out: Path) -> Co
     mechanism = Mechanism.of_model(model)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, mechanism.home)
-    tree = Description(plant, context, scene_graph, name, model.loops, form == "sdf")
+    has_one_name_space = form == "sdf"
+    tree = Description(
+        plant, context, scene_graph, name, model.loops, has_one_name_space, model.drives
+    )
     more = [*mechanism.notes, *notes(tree, form), *_floating(tree, form)]
     files = write_model(out, form, tree)
     path, *others = files_of(out, form)

@@ -1,9 +1,11 @@
 """Files that describe a machine to other programs: URDF, SDFormat and MJCF, and their meshes."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from pydrake.geometry import Ellipsoid, HalfSpace, Role
 
 from parapod.sims.output.atomic import atomic_output, check_folder, check_writable
@@ -17,6 +19,8 @@ FORMATS = {"urdf": urdf, "sdf": sdf, "mjcf": mjcf}
 _SUFFIXES = {".urdf": "urdf", ".sdf": "sdf", ".mjcf": "mjcf", ".xml": "mjcf"}
 # Names of files in a mesh.
 _REFERENCE = re.compile(r"[^\s\"']+\.(?:mtl|png|jpe?g|bin|ktx2)")
+# Parts of drives that no format has.
+_NO_DRIVES = "models of motors, sensors and control"
 TITLES = {"urdf": "URDF", "sdf": "SDFormat", "mjcf": "MJCF"}
 
 
@@ -109,12 +113,14 @@ def notes(tree: Description, form: str) -> list[str]:
             f"{len(balls)} ball joints close loops, as drake:ball_constraint, which Drake alone "
             f"reads; elsewhere close {_and_so_on([str(ball) for ball in balls])}"
         )
-    if form != "mjcf":
+    forces = tree.plant.num_force_elements() - 1
+    if form == "mjcf":
+        forces -= len(tree.drives.springs)
+    else:
         welds = (closure for closure in tree.closures if closure.kind == "weld")
         lines += (f"not in {title}: the weld of {weld}" for weld in welds)
-        forces = tree.plant.num_force_elements() - 1
-        if forces:
-            lines.append(f"not in {title}: {forces} springs or bushings")
+    if forces:
+        lines.append(f"not in {title}: {forces} springs or bushings")
     if tree.constraints.others:
         lines.append(f"not in {title}: {tree.constraints.others} springs of points or tendons")
     if locked := [
@@ -124,8 +130,8 @@ def notes(tree: Description, form: str) -> list[str]:
     ]:
         lines.append(f"not in {title}: the locks of {', '.join(locked)}")
     if tree.other_names:
-        pairs = ", ".join(f"{own} is {name}" for name, own in tree.other_names.items())
-        lines.append(f"joints have other names in {title}, as links have theirs: {pairs}")
+        others = ", ".join(f"{own} is {name}" for name, own in tree.other_names.items())
+        lines.append(f"joints have other names in {title}, as links have theirs: {others}")
     pairs = zip(tree.bodies, tree.links, strict=True)
     belts = [link for body, link in pairs if tree.belt(body) is not None]
     if belts:
@@ -142,14 +148,67 @@ def notes(tree: Description, form: str) -> list[str]:
         if Ellipsoid in shapes:
             lines.append("ellipsoids are seen as balls: URDF has none")
     if tree.actuators:
-        is_mjcf = form == "mjcf"
-        servos = "actuators with positions as controls" if is_mjcf else "drake:controller_gains"
-        others = "limits of their effort, models" if is_mjcf else "models"
-        lines.append(
-            f"drives are the stiffness and damping of servos, as {servos}; {others} of motors, "
-            f"sensors and control are not in {title}"
-        )
+        lines += _drives_in_mjcf(tree) if form == "mjcf" else _drives_in(title, tree)
     return lines
+
+
+def _drives_in_mjcf(tree: Description) -> list[str]:
+    """Lines about drives as actuators of MuJoCo."""
+    controlled = Counter(servo.controlled for servo in tree.drives.servos)
+    kinds = {
+        "position": ("position servo", "a position"),
+        "speed": ("velocity servo", "a speed"),
+        "force": ("motor", "a force, for want of gains"),
+        "number": ("actuator", "with gain and bias as they were"),
+    }
+    words = [
+        f"{_count(controlled[control], kind)}, control {what}"
+        for control, (kind, what) in kinds.items()
+        if controlled[control]
+    ]
+    limited = sum(servo.forces is not None for servo in tree.drives.servos)
+    limited += len(tree.drives.forces)
+    if limited:
+        words.append(_count(limited, "limit") + " of force")
+    if count := len(tree.drives.armatures):
+        words.append(_count(count, "armature"))
+    speeds = any(
+        np.isfinite(actuator.joint().velocity_upper_limits()).all()
+        for actuator in tree.actuators.values()
+    )
+    missing = ("limits of speed, " if speeds else "") + _NO_DRIVES
+    return [f"drives in MJCF: {'; '.join(words)}", f"not in MJCF: {missing}"]
+
+
+def _drives_in(title: str, tree: Description) -> list[str]:
+    """Lines about drives in a format that has limits, and for Drake gains and rotors."""
+    gains = sum(actuator.has_controller() for actuator in tree.actuators.values())
+    words = []
+    if gains:
+        words.append(
+            f"{_count(gains, 'servo')}, as drake:controller_gains, which Drake alone reads"
+        )
+    if others := len(tree.actuators) - gains:
+        words.append(_count(others, "motor") + " without gains")
+    lines = [f"drives in {title}: {'; '.join(words)}"]
+    servos, driven = tree.drives.servos, {a.joint().index() for a in tree.actuators.values()}
+    names = {
+        joint.index(): name for name, joint in zip(tree.joint_names, tree.joints, strict=True)
+    }
+    for what, joints in (
+        ("gears", [servo.joint for servo in servos if servo.gear != 1.0]),
+        ("ranges of controls", [servo.joint for servo in servos if servo.controls is not None]),
+        ("armatures", [joint for joint in tree.drives.armatures if joint not in driven]),
+    ):
+        if joints:
+            of = ", ".join(names[joint] for joint in dict.fromkeys(joints))
+            lines.append(f"not in {title}: the {what} of {of}")
+    lines.append(f"not in {title}: {_NO_DRIVES}")
+    return lines
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _and_so_on(texts: list[str]) -> str:

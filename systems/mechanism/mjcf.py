@@ -27,6 +27,7 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
     Joint,
+    PdControllerGains,
     PrismaticJoint,
     PrismaticSpring,
     RevoluteJoint,
@@ -41,6 +42,7 @@ from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.mechanism.hinges import LIGHT, PLAIN_AXES, add_hinges
 from parapod.systems.mechanism.parts import Model
+from parapod.systems.physics.description import Servo
 from parapod.systems.physics.loops import Ball, Coupling, Distance, Weld
 
 # Parts of an MJCF without counterpart, by the counts that MuJoCo keeps of them.
@@ -103,6 +105,7 @@ class _Reader:
             self._add_loop(equality)
         for actuator in range(self._compiled.nu):
             self._add_motor(actuator)
+        self._give_gains()
         for count, what in _LEFT_OUT.items():
             number = int(getattr(self._compiled, count))
             if number := number - (self._rods if count == "ntendon" else 0):
@@ -190,6 +193,10 @@ class _Reader:
             if compiled.jnt_limited[index]:
                 low, high = compiled.jnt_range[index]
                 added.set_position_limits([low], [high])
+            if armature := self._armature(index):
+                self._model.drives.armatures[added.index()] = armature
+            if spring:
+                self._model.drives.springs[added.index()] = spring, rest
         self._joints.append(added)
 
     def _offset(self, name: str, body: RigidBody, pose: RigidTransform) -> Frame:
@@ -275,15 +282,81 @@ class _Reader:
         if joint is None or joint.num_velocities() != 1:
             self._model.notes.append(f"not read: the actuator {name}, which moves no single joint")
             return
+        servo, place = self._servo(index, name, joint), int(compiled.actuator_trnid[index][0])
+        if servo is not None:
+            self._model.drives.servos.append(servo)
         if joint.index() not in self._model.motors:
             self._model.motors.append(joint.index())
             gear = abs(float(compiled.actuator_gear[index][0]))
             effort = np.inf
             if compiled.actuator_forcelimited[index]:
                 effort = gear * float(np.abs(compiled.actuator_forcerange[index]).max())
+            if compiled.jnt_actfrclimited[place]:
+                low, high = compiled.jnt_actfrcrange[place].tolist()
+                self._model.drives.forces[joint.index()] = low, high
+                effort = min(effort or np.inf, max(-low, high))
             motor = self._plant.AddJointActuator(name, joint, effort or np.inf)
-            dof = int(compiled.jnt_dofadr[int(compiled.actuator_trnid[index][0])])
-            motor.set_default_rotor_inertia(float(compiled.dof_armature[dof]))
+            motor.set_default_rotor_inertia(self._armature(place))
+
+    def _armature(self, joint: int) -> float:
+        """Inertia of a joint of its own, that of its actuators included [kg, kg m^2]."""
+        compiled = self._compiled
+        inertia = float(compiled.dof_armature[int(compiled.jnt_dofadr[joint])])
+        for actuator in range(compiled.nu):
+            kind = int(compiled.actuator_trntype[actuator])
+            rotor = float(compiled.actuator_armature[actuator])
+            is_here = int(compiled.actuator_trnid[actuator][0]) == joint
+            if rotor and is_here and kind == int(self._mujoco.mjtTrn.mjTRN_JOINT):
+                inertia += rotor * float(compiled.actuator_gear[actuator][0]) ** 2
+        return inertia
+
+    def _servo(self, index: int, name: str, joint: Joint) -> Servo | None:
+        """An actuator; None for one that is more than a gain and a bias, which a note says."""
+        compiled, mujoco = self._compiled, self._mujoco
+        bias, kinds = int(compiled.actuator_biastype[index]), mujoco.mjtBias
+        if (
+            int(compiled.actuator_gaintype[index]) != int(mujoco.mjtGain.mjGAIN_FIXED)
+            or bias not in (int(kinds.mjBIAS_NONE), int(kinds.mjBIAS_AFFINE))
+            or int(compiled.actuator_dyntype[index]) != int(mujoco.mjtDyn.mjDYN_NONE)
+        ):
+            self._model.notes.append(
+                f"not read: the force of the actuator {name}, which is more than a gain and a bias"
+            )
+            return None
+        at_zero, by_length, by_speed = compiled.actuator_biasprm[index][:3].tolist()
+        is_affine = bias == int(kinds.mjBIAS_AFFINE)
+        limits = {
+            what: (low, high) if limited[index] else None
+            for what, limited, (low, high) in (
+                (
+                    "forces",
+                    compiled.actuator_forcelimited,
+                    compiled.actuator_forcerange[index].tolist(),
+                ),
+                (
+                    "controls",
+                    compiled.actuator_ctrllimited,
+                    compiled.actuator_ctrlrange[index].tolist(),
+                ),
+            )
+        }
+        return Servo(
+            name,
+            joint.index(),
+            float(compiled.actuator_gainprm[index][0]),
+            (at_zero, by_length, by_speed) if is_affine else (0.0, 0.0, 0.0),
+            float(compiled.actuator_gear[index][0]),
+            **limits,
+        )
+
+    def _give_gains(self) -> None:
+        """Gives actuators the stiffness and damping of their servos."""
+        servos = self._model.drives.servos
+        for actuator in map(self._plant.get_joint_actuator, self._plant.GetJointActuatorIndices()):
+            own = [servo for servo in servos if servo.joint == actuator.joint().index()]
+            p, d = sum(servo.stiffness for servo in own), sum(servo.damping for servo in own)
+            if p > 0.0 or d > 0.0:
+                actuator.set_controller_gains(PdControllerGains(p=max(p, 0.0), d=max(d, 0.0)))
 
     def _add_shape(self, index: int) -> None:
         compiled = self._compiled

@@ -47,6 +47,7 @@ from parapod.systems.mechanism.meshes import Drawing, adapt_sdf, adapt_urdf
 from parapod.systems.mechanism.mjcf import add_mjcf
 from parapod.systems.mechanism.parts import Model, frames_by_name, joints_by_name, named
 from parapod.systems.physics.loops import Ball, Loop, Weld, add_loop
+from parapod.systems.physics.model_files import ROUNDED
 
 _SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml")
 # Kinds of elements that an SDFormat may have which are not of it, and what is said of one.
@@ -330,7 +331,7 @@ def _change_joints(model: Model, settings: LoopsFile, source: str) -> None:
 
 @dataclass(frozen=True)
 class _Motor:
-    """What is kept of an actuator while its joint is replaced."""
+    """Parts of an actuator that are kept while its joint is replaced."""
 
     effort: float
     rotor_inertia: float
@@ -509,7 +510,7 @@ def _make_plain(model: Model, joint: Any) -> None:
     """Puts hinges at origins of links in place of a joint that not every format has."""
     plant, kind, name = model.plant, joint.type_name(), joint.name()
     parent, child = joint.frame_on_parent(), joint.frame_on_child()
-    is_beside = child.GetFixedPoseInBodyFrame().translation().any()
+    is_beside = np.abs(child.GetFixedPoseInBodyFrame().translation()).max() > ROUNDED
     if kind not in PLAIN_AXES and not (kind == "revolute" and is_beside):
         return
     axes = PLAIN_AXES.get(kind) or {"": tuple(joint.revolute_axis())}

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import Frame, FrameIndex, Joint, JointIndex, RigidBo
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import did_you_mean, printable, quoted
-from parapod.systems.physics.description import bodies_of, joints_of, unique_names
+from parapod.systems.physics.description import Drives, bodies_of, joints_of, unique_names
 from parapod.systems.physics.loops import Loop
 
 
@@ -30,6 +30,7 @@ class Model:
             [N, N m].
         is_plain: true if its joints are hinges and slides alone, at the origins of their links, as
             all formats have them; light links are between those of one universal or ball joint.
+        drives: parts of its drives that an MJCF has, and the plant does not hold.
     """
 
     path: Path
@@ -39,6 +40,7 @@ class Model:
     notes: list[str] = field(default_factory=list)
     efforts: dict[str, float] = field(default_factory=dict)
     is_plain: bool = False
+    drives: Drives = field(default_factory=Drives)
     _meshes: dict[str, Path] = field(default_factory=dict)
 
     @cached_property

@@ -4,7 +4,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from pydrake.multibody.tree import (
     FrameIndex,
     Joint,
     JointActuator,
+    JointIndex,
     PrismaticJoint,
     QuaternionFloatingJoint,
     RevoluteJoint,
@@ -86,6 +87,86 @@ class Closure:
         return " and ".join(ends)
 
 
+@dataclass(frozen=True)
+class Servo:
+    """Actuator of a joint as MuJoCo has it, with a force of its own before its gear.
+
+    The force is `gain` times the control, and `bias` times one, length and speed; these are the
+    joint's position and velocity times the gear, as the joint's force is the force times that.
+
+    Attributes:
+        name: its name.
+        joint: its joint.
+        gain: force by the control.
+        bias: forces at zero, by the length, and by the speed.
+        gear: length by the joint's position.
+        forces: smallest and largest force [N, N m]; None: there are no limits.
+        controls: smallest and largest control; None: there are no limits.
+    """
+
+    name: str
+    joint: JointIndex
+    gain: float
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gear: float = 1.0
+    forces: tuple[float, float] | None = None
+    controls: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, actuator: JointActuator, name: str) -> Self:
+        """The actuator of a plant, whose control is a force unless it has gains."""
+        servo = actuator.get_controller_gains() if actuator.has_controller() else None
+        p, d = (servo.p, servo.d) if servo else (0.0, 0.0)
+        effort = actuator.effort_limit()
+        forces = (-effort, effort) if 0.0 < effort < np.inf else None
+        bias = (0.0, -p, -d) if p or d else (0.0, 0.0, 0.0)
+        return cls(name, actuator.joint().index(), p or d or 1.0, bias, forces=forces)
+
+    @property
+    def controlled(self) -> str:
+        """Kind of its control: a position, a speed, a force, or another number."""
+        at_zero, by_length, by_speed = self.bias
+        if not any(self.bias):
+            return "force"
+        if at_zero == 0.0 and by_length == -self.gain:
+            return "position"
+        return "speed" if (at_zero, by_length, by_speed) == (0.0, 0.0, -self.gain) else "number"
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness with which it holds its joint [N/m, N m/rad]."""
+        return -self.bias[1] * self.gear**2
+
+    @property
+    def damping(self) -> float:
+        """Damping of its joint by it [N s/m, N m s/rad]."""
+        return -self.bias[2] * self.gear**2
+
+    def holding(self, position: float) -> float:
+        """Control with which it exerts nothing while its joint rests at a position."""
+        at_zero, by_length, _ = self.bias
+        force = at_zero + by_length * self.gear * position
+        control = -force / self.gain + 0.0 if self.gain else 0.0
+        return float(np.clip(control, *self.controls)) if self.controls else control
+
+
+@dataclass
+class Drives:
+    """Parts of joints and motors that an MJCF has, and a plant does not hold.
+
+    Attributes:
+        servos: actuators of single joints, in their order.
+        forces: smallest and largest force of all motors of a joint [N, N m].
+        armatures: inertia that joints have of their own [kg, kg m^2].
+        springs: stiffness and position at rest of joints [N/m, N m/rad; m, rad].
+    """
+
+    servos: list[Servo] = field(default_factory=list)
+    forces: dict[JointIndex, tuple[float, float]] = field(default_factory=dict)
+    armatures: dict[JointIndex, float] = field(default_factory=dict)
+    springs: dict[JointIndex, tuple[float, float]] = field(default_factory=dict)
+
+
 class Description:
     """A plant with names for all that a file holds.
 
@@ -103,6 +184,7 @@ class Description:
         constraints: all constraints, as `find_constraints` returns them.
         actuators: actuator of each joint that has one, by the joint's name.
         couplings: coupling of each joint that follows another one, by the joint's name.
+        drives: drives of all actuators, with what the plant does not hold of them.
         other_names: names of joints that a link has too, by those that they have in its place.
     """
 
@@ -114,6 +196,7 @@ class Description:
         name: str,
         loops: Sequence[Loop] = (),
         shares_names: bool = True,
+        drives: Drives | None = None,
     ):
         """Names what a plant has.
 
@@ -124,6 +207,7 @@ class Description:
             name: name of the model in the file.
             loops: those that were added by `add_loop`; they need not be searched for.
             shares_names: false if a joint may have the name of a link, as in all but SDFormat.
+            drives: parts of its drives that an MJCF has, and the plant does not hold.
 
         Raises:
             WiringError: joints of a kind, or a body on two joints, that files do not know.
@@ -186,9 +270,27 @@ class Description:
             self.joint_name(actuator.joint()): actuator
             for actuator in map(plant.get_joint_actuator, indices)
         }
+        self.drives = self._drives(drives or Drives())
         self.couplings: dict[str, Coupling] = {
             self.joint_name(coupling.joint): coupling for coupling in self.constraints.couplings
         }
+
+    def _drives(self, beside: Drives) -> Drives:
+        """Drives of all actuators, and of none that the plant has not."""
+        driven = {actuator.joint().index() for actuator in self.actuators.values()}
+        servos = [servo for servo in beside.servos if servo.joint in driven]
+        names = {servo.name for servo in servos}
+        for name, actuator in self.actuators.items():
+            if actuator.joint().index() not in {servo.joint for servo in servos}:
+                names.add(own := f"{name}_motor" if name in names else name)
+                servos.append(Servo.of(actuator, own))
+        inertias = {
+            actuator.joint().index(): actuator.calc_reflected_inertia(self.context)
+            for actuator in self.actuators.values()
+        }
+        armatures = {joint: inertia for joint, inertia in inertias.items() if inertia}
+        forces = {joint: limits for joint, limits in beside.forces.items() if joint in driven}
+        return Drives(servos, forces, armatures | beside.armatures, beside.springs)
 
     def link(self, body: RigidBody) -> str:
         """Name of a body's link."""

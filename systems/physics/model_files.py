@@ -32,6 +32,8 @@ from parapod.systems.physics.description import KINDS, Description, Shape
 
 # Number that other programs read where there is no limit, which they cannot leave out.
 ENDLESS = sys.float_info.max
+# Distance of a hinge from the origin of its link that rounding leaves [m].
+ROUNDED = 1e-12
 # Stiffness of a rod [N/m]: Drake reads none from a file that is infinite.
 _STIFF = 1e9
 # Side of the box in the place of a half space, where the format has none [m].
@@ -272,7 +274,7 @@ def _urdf_joint(writer: _Writer, name: str, joint: Joint) -> None:
         return
     axis = tree.axis(joint)
     place = joint.frame_on_child().CalcPoseInBodyFrame(tree.context).translation()
-    if isinstance(joint, RevoluteJoint) and np.cross(axis, place).any():
+    if isinstance(joint, RevoluteJoint) and np.abs(np.cross(axis, place)).max() > ROUNDED:
         raise WiringError(
             f"the hinge {name} is beside the origin of {links[1]}, which URDF cannot hold; "
             "SDFormat and MJCF can"

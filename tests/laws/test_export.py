@@ -376,6 +376,18 @@ def test_mujoco_loads_the_same_masses_in_the_same_places(in_mujoco):
     assert other.model.nv == sum(moved)
 
 
+def test_limits_and_rotors_of_drives_are_in_the_file(in_mujoco):
+    machine, other = in_mujoco
+    assert other.model.nu == len(machine.actuators)
+    for name, actuator in machine.actuators.items():
+        effort, servo = actuator.effort_limit(), other.model.actuator(name)
+        assert bool(servo.forcelimited[0]) == np.isfinite(effort)
+        if np.isfinite(effort):
+            assert servo.forcerange == pytest.approx([-effort, effort], rel=1e-9)
+        rotor = actuator.calc_reflected_inertia(machine.context)
+        assert other.model.joint(name).armature[0] == pytest.approx(rotor, rel=1e-9)
+
+
 def test_mujoco_closes_the_same_loops(in_mujoco):
     machine, other = in_mujoco
     assert other.model.neq == len(machine.closures) + len(machine.couplings)

@@ -19,7 +19,11 @@ from parapod.systems.physics.mujoco.translation import WEIGHT, Translation, body
 # Impedances that MuJoCo takes, and the group of geometry that it does not draw.
 _IMPEDANCES, _HIDDEN = (1e-4, 0.9999), 3
 # Attributes of the file that have other names in a specification.
-_ATTRIBUTES = {"solreflimit": "solref_limit", "solimplimit": "solimp_limit"}
+_ATTRIBUTES = {
+    "solreflimit": "solref_limit",
+    "solimplimit": "solimp_limit",
+    "actuatorfrcrange": "actfrcrange",
+}
 _INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
 # Error of a number that MuJoCo has written with six digits [-].
 _ROUNDED = 1e-5
@@ -40,7 +44,6 @@ def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
     mujoco, plant, constraints = need("mujoco"), tree.plant, tree.constraints
     translation = Translation(mujoco, plant, tree.context)
     translation.add_bodies()
-    translation.add_drives()
     translation.add_balls(constraints.balls)
     translation.add_welds(constraints.welds)
     translation.add_couplings(constraints.couplings)
@@ -50,13 +53,11 @@ def mjcf(tree: Description, mesh: Callable[[Path], str], notes: Iterable[str]) -
     spec: Any = translation.spec
     spec.modelname = tree.name
     _place(spec, tree)
+    _add_drives(mujoco, spec, tree)
     for body in spec.bodies:
         body.mocap = False
     for geom in spec.geoms:
         geom.group = geom.group or _HIDDEN
-    for servo in spec.actuators:
-        if servo.biasprm[1]:
-            servo.gainprm[0] = -servo.biasprm[1]  # its control is a position
     try:
         model = spec.compile()
     except ValueError as error:
@@ -87,6 +88,31 @@ def _place(spec: Any, tree: Description) -> None:
             pose = tree.plant.EvalBodyPoseInWorld(tree.context, joint.child_body())
             body = spec.body(body_name(joint.child_body()))
             body.pos, body.quat = pose.translation(), pose.rotation().ToQuaternion().wxyz()
+
+
+def _add_drives(mujoco: Any, spec: Any, tree: Description) -> None:
+    """Adds actuators with their controls and limits, which the translation has not, and rotors."""
+    for servo in tree.drives.servos:
+        biases = mujoco.mjtBias
+        added = spec.add_actuator(
+            name=servo.name,
+            target=joint_name(tree.plant.get_joint(servo.joint)),
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            biastype=biases.mjBIAS_AFFINE if any(servo.bias) else biases.mjBIAS_NONE,
+        )
+        added.gainprm[0], added.biasprm[:3], added.gear[0] = servo.gain, servo.bias, servo.gear
+        if servo.forces is not None:
+            added.forcelimited, added.forcerange = True, servo.forces
+        if servo.controls is not None:
+            added.ctrllimited, added.ctrlrange = True, servo.controls
+    joints = {joint.index(): spec.joint(joint_name(joint)) for joint in tree.joints}
+    for index, limits in tree.drives.forces.items():
+        joints[index].actfrclimited, joints[index].actfrcrange = True, limits
+    for index, armature in tree.drives.armatures.items():
+        joints[index].armature = armature
+    for index, (stiffness, rest) in tree.drives.springs.items():
+        joints[index].stiffness[0], joints[index].springref = stiffness, rest
 
 
 def _weigh(mujoco: ModuleType, spec: Any, model: Any) -> None:
@@ -126,10 +152,9 @@ def _stand(mujoco: ModuleType, spec: Any, model: Any, tree: Description) -> None
     """Adds the key frame in which the machine stands, its drives where they are."""
     q, v = (of(tree.context) for of in (tree.plant.GetPositions, tree.plant.GetVelocities))
     qpos, qvel = StateMaps(model, tree.plant).to_mujoco(q, v)
-    joints = (model.joint(servo.target) for servo in spec.actuators)
     control = [
-        qpos[joint.qposadr[0]] if servo.biasprm[1] else 0.0
-        for servo, joint in zip(spec.actuators, joints, strict=True)
+        servo.holding(float(qpos[model.joint(actuator.target).qposadr[0]]))
+        for servo, actuator in zip(tree.drives.servos, spec.actuators, strict=True)
     ]
     spec.add_key(name="standing", qpos=qpos, qvel=qvel, ctrl=control)
 

@@ -74,7 +74,7 @@ def test_a_joint_has_the_name_of_its_link_where_the_format_lets_it(tmp_path, cap
 
 # A trunk that floats, with a four-bar linkage whose loop is closed where all joints are at zero.
 WALKER = """<mujoco model="walker">
-  <option gravity="{gravity}"/>
+  <option timestep="1e-3"/>
   <worldbody>
     <body name="trunk" pos="0.1 -0.2 0.7" quat="0.8 0 0.6 0">{base}
       <inertial pos="0.01 0 0.02" mass="5" diaginertia="0.1 0.2 0.3"/>
@@ -91,7 +91,7 @@ WALKER = """<mujoco model="walker">
         <inertial pos="0 0 -0.1" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>
       </body>
       <body name="tail" pos="-0.2 0 0">
-        <joint name="tail" axis="0 1 0" armature="0.03"/>
+        <joint name="tail" axis="0 1 0" armature="0.03" actuatorfrcrange="-7 7"/>
         <inertial pos="-0.1 0 0" mass="0.5" diaginertia="2e-3 2e-3 2e-3"/>
       </body>
     </body>
@@ -107,10 +107,17 @@ SERVOS = """<position name="drive" joint="hip" kp="40" kv="2" gear="2" forcerang
     <position name="balance" joint="tail" kp="90" kv="1" forcerange="-8 6"/>"""
 
 
-def walker(path, actuators=SERVOS, base="<freejoint name='float'/>", gravity="0 0 -9.81"):
+# Of other kinds, two on one joint, and limits of the joint itself.
+OTHERS = """<velocity name="slow" joint="hip" kv="3"/>
+    <motor name="push" joint="tail" gear="-3" ctrlrange="-2 2" armature="0.001"/>
+    <general name="lean" joint="tail" gainprm="4" biastype="affine" biasprm="1 -20 -3"
+      forcerange="-9 9"/>"""
+
+
+def walker(path, actuators=SERVOS, base="<freejoint name='float'/>"):
     """Writes the walker, and returns its file."""
-    key = " ".join(["0"] * (4 if not base else 11)) if not base else "1 2 3 1 0 0 0 0 0 0 0"
-    path.write_text(WALKER.format(actuators=actuators, base=base, gravity=gravity, key=key))
+    key = "1 2 3 1 0 0 0 0 0 0 0" if base else "0 0 0 0"
+    path.write_text(WALKER.format(actuators=actuators, base=base, key=key))
     return path
 
 
@@ -140,6 +147,111 @@ def test_a_base_that_floats_is_where_it_was_without_the_key_frame(tmp_path, caps
     arguments = ["convert", str(walker(base, base="")), "--to", "urdf"]
     assert main([*arguments, "--out", str(tmp_path / "welded.urdf")]) == 0
     assert "--free" not in capsys.readouterr().out
+
+
+def mjcf_of(source, folder):
+    """A file, converted; both as MuJoCo loads them."""
+    out = folder / "converted.xml"
+    assert main(["convert", str(source), "--to", "mjcf", "--out", str(out)]) == 0
+    return [mujoco.MjModel.from_xml_path(str(path)) for path in (source, out)]
+
+
+@pytest.mark.parametrize("actuators", [SERVOS, OTHERS])
+def test_a_converted_mjcf_has_the_drives_of_its_source(tmp_path, actuators):
+    source, out = mjcf_of(walker(tmp_path / "source.xml", actuators), tmp_path)
+    for what in ("gainprm", "biasprm", "gear", "forcelimited", "forcerange", "ctrllimited"):
+        parts = [getattr(model, f"actuator_{what}") for model in (source, out)]
+        np.testing.assert_array_equal(parts[1], parts[0])
+    np.testing.assert_array_equal(out.actuator_ctrlrange, source.actuator_ctrlrange)
+    for i in range(source.nu):
+        assert out.actuator(i).name == source.actuator(i).name
+    for name in ("hip", "knee", "rear", "tail"):
+        joints = [model.joint(name) for model in (source, out)]
+        for what in ("stiffness", "damping"):
+            one, two = (np.ravel(getattr(joint, what))[0] for joint in joints)
+            assert two == one
+        ranges = [
+            model.jnt_actfrcrange[joint.id]
+            for model, joint in zip((source, out), joints, strict=True)
+        ]
+        np.testing.assert_array_equal(ranges[1], ranges[0])
+    before, after = (Mechanism.load(tmp_path / name) for name in ("source.xml", "converted.xml"))
+    for joint in before.joints:
+        if joint.num_velocities() == 1:
+            assert limits(after, after.joint(joint.name())) == limits(before, joint)
+    masses = [m.plant.CalcMassMatrix(m.plant.CreateDefaultContext()) for m in (before, after)]
+    np.testing.assert_allclose(masses[1], masses[0], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("actuators", "control"),
+    [(SERVOS, (0.0, 0.0)), (SERVOS, (2.0, -0.8)), (OTHERS, (0.2, 0.5, 0.3))],
+)
+def test_a_converted_mjcf_moves_and_holds_in_mujoco_as_its_source(tmp_path, actuators, control):
+    source, out = mjcf_of(walker(tmp_path / "source.xml", actuators, base=""), tmp_path)
+    ways, forces = [], []
+    for model in (source, out):
+        model.opt.timestep = 1e-4  # short enough for either integrator
+        data = mujoco.MjData(model)
+        data.ctrl[:] = control
+        for _ in range(10):
+            mujoco.mj_step(model, data, 1000)
+            ways.append(data.qpos.copy())
+            forces.append(data.qfrc_actuator.copy())
+    ways, forces = (np.array(of).reshape(2, 10, -1) for of in (ways, forces))
+    # Loops of the source are soft, and motors swing by as much as 1.4 rad.
+    np.testing.assert_allclose(ways[1], ways[0], rtol=0.0, atol=5e-3)
+    np.testing.assert_allclose(forces[1][-1], forces[0][-1], rtol=0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("form", ["urdf", "sdf"])
+def test_gains_and_limits_of_servos_go_through_formats_of_joints(tmp_path, capsys, form):
+    source = walker(tmp_path / "source.xml")
+    middle, out = tmp_path / f"middle.{form}", tmp_path / "out.xml"
+    assert main(["convert", str(source), "--to", form, "--out", str(middle)]) == 0
+    lines = capsys.readouterr().out
+    assert "2 servos, as drake:controller_gains" in lines
+    for what, names in (("gears", "hip"), ("ranges of controls", "hip"), ("armatures", "knee")):
+        assert f": the {what} of {names}\n" in lines
+    assert main(["convert", str(middle), "--free", "--to", "mjcf", "--out", str(out)]) == 0
+    assert "2 position servos, control a position; 2 limits of force; 2 armatures" in (
+        capsys.readouterr().out
+    )
+    models = [mujoco.MjModel.from_xml_path(str(path)) for path in (source, out)]
+    assert models[1].nu == 2
+    for i, (gear, largest) in enumerate(((2.0, 3.0), (1.0, 7.0))):
+        drive, servo = (model.actuator(i) for model in models)
+        # Of the joint, as it feels them through the gear.
+        np.testing.assert_allclose(servo.gainprm, gear**2 * drive.gainprm, rtol=1e-12)
+        np.testing.assert_allclose(servo.biasprm, gear**2 * drive.biasprm, rtol=1e-12)
+        np.testing.assert_allclose(servo.forcerange, gear * largest * np.array((-1, 1)))
+        joints = [model.joint(model.actuator(i).trnid[0]) for model in models]
+        assert joints[1].armature[0] == pytest.approx(joints[0].armature[0], rel=1e-12)
+
+
+def test_a_source_without_gains_has_motors_whose_controls_are_forces(tmp_path, capsys):
+    out = tmp_path / "hexapod.xml"
+    assert main(["convert", str(FILES["hexapod"]), "--to", "mjcf", "--out", str(out)]) == 0
+    line = "drives in MJCF: 6 motors, control a force, for want of gains; 6 limits of force"
+    assert line in capsys.readouterr().out
+    assert line in out.read_text()
+    model = mujoco.MjModel.from_xml_path(str(out))
+    assert (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
+    np.testing.assert_array_equal(model.actuator_gainprm[:, 0], 1.0)
+    np.testing.assert_array_equal(model.actuator_forcerange, 6 * [[-2000.0, 2000.0]])
+    assert model.actuator_forcelimited.all()
+
+
+def test_an_actuator_that_is_more_than_a_servo_is_named_and_becomes_a_motor(tmp_path, capsys):
+    lazy = '<position name="lazy" joint="hip" kp="4" timeconst="0.1" forcerange="-2 2" gear="3"/>'
+    _, out = mjcf_of(walker(tmp_path / "source.xml", lazy), tmp_path)
+    lines = capsys.readouterr().out
+    assert (
+        "not read: the force of the actuator lazy, which is more than a gain and a bias" in lines
+    )
+    assert "1 motor, control a force, for want of gains; 1 limit of force" in lines
+    assert out.nu == 1
+    np.testing.assert_array_equal(out.actuator_forcerange, [[-6.0, 6.0]])
 
 
 def limits(mechanism, joint):
