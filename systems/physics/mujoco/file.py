@@ -25,6 +25,8 @@ _ATTRIBUTES = {
     "actuatorfrcrange": "actfrcrange",
 }
 _INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
+# Digits of the place of what floats, behind which there is but rounding.
+_DIGITS = 15
 # Error of a number that MuJoCo has written with six digits [-].
 _ROUNDED = 1e-5
 
@@ -87,7 +89,10 @@ def _place(spec: Any, tree: Description) -> None:
         if isinstance(joint, QuaternionFloatingJoint):
             pose = tree.plant.EvalBodyPoseInWorld(tree.context, joint.child_body())
             body = spec.body(body_name(joint.child_body()))
-            body.pos, body.quat = pose.translation(), pose.rotation().ToQuaternion().wxyz()
+            quaternion = pose.rotation().ToQuaternion().wxyz()
+            body.pos, body.quat = (
+                each.round(_DIGITS) + 0.0 for each in (pose.translation(), quaternion)
+            )
 
 
 def _add_drives(mujoco: Any, spec: Any, tree: Description) -> None:
