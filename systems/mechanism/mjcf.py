@@ -282,6 +282,8 @@ class _Reader:
         if joint is None or joint.num_velocities() != 1:
             self._model.notes.append(f"not read: the actuator {name}, which moves no single joint")
             return
+        if compiled.actuator_damping[index]:
+            self._model.notes.append(f"not read: the damping of the actuator {name}")
         servo, place = self._servo(index, name, joint), int(compiled.actuator_trnid[index][0])
         if servo is not None:
             self._model.drives.servos.append(servo)

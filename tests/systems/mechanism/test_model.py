@@ -262,11 +262,17 @@ def test_loops_of_an_mjcf_are_closed_where_mujoco_has_them_closed(tmp_path):
 def test_parts_of_an_mjcf_that_are_not_read_are_named(tmp_path):
     path = tmp_path / "more.xml"
     more = '<sensor><jointpos joint="ref"/></sensor></mujoco>'
-    joint = '<joint name="ref" frictionloss="1"'
-    path.write_text(UNLIKE.replace("</mujoco>", more).replace('<joint name="ref"', joint))
+    text = UNLIKE.replace("</mujoco>", more)
+    for begin, other in (
+        ('<joint name="ref"', 'frictionloss="1"'),
+        ('<motor name="drive"', 'damping="1"'),
+    ):
+        text = text.replace(begin, f"{begin} {other}")
+    path.write_text(text)
     assert set(Mechanism.load(path).notes) == {
         "not read: 1 sensors",
         "not read: the dry friction of ref",
+        "not read: the damping of the actuator drive",
     }
 
 
