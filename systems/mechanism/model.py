@@ -153,10 +153,7 @@ def _turn_freely(model: Model) -> None:
     for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
         if joint.type_name() != "revolute" or joint.index() in model.motors:
             continue
-        low, high = (
-            float(joint.position_lower_limits()[0]),
-            float(joint.position_upper_limits()[0]),
-        )
+        (low,), (high,) = joint.position_lower_limits(), joint.position_upper_limits()
         if math.isfinite(high - low) and high - low > 2.0 * math.pi - _TURN:
             joint.set_position_limits(np.array((-np.inf,)), np.array((np.inf,)))
             names.append(joint.name())

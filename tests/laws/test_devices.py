@@ -306,7 +306,12 @@ ROWS = {
             like="Epos2PositionScrews",
         )
     ),
-    "Epos2MotorAxes": Row(**turns(like="Epos2PositionAxes")),
+    "Epos2MotorAxes": Row(
+        **turns(
+            like="Epos2PositionAxes",
+            measures=dict.fromkeys(("position", "velocity", "current"), 2),
+        )
+    ),
     "Epos2HipSlide": Row(
         **axes(
             1,
@@ -569,7 +574,7 @@ def test_every_driver_has_its_row():
             assert issubclass(DRIVERS[name], DRIVERS[row.like])
             settings = {field.name for field in fields(DRIVERS[row.like])}
             # By the others it is only told, or takes fewer commands.
-            assert written <= settings | {"axis_names", "former", "has_brake"}
+            assert written <= settings | {"axis_names", "former", "has_brake", "measures_current"}
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
