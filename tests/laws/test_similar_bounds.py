@@ -110,8 +110,8 @@ def test_bounds_between_bench_and_world_go_with_the_bench(monkeypatch):
         metrics = islice(experiment.measure(scenario, course.Courses({"level": None})), 3)
         return [metric.bound for metric in metrics]
 
-    assert bounds(BenchDesign()) == [5.0, 2.0, 2.0]
-    assert bounds(similar(BenchDesign(), S)) == pytest.approx([5.0, 2.0 * S, 2.0 * S], rel=1e-12)
+    assert bounds(BenchDesign()) == [5.0, 2.0, 2.5]
+    assert bounds(similar(BenchDesign(), S)) == pytest.approx([5.0, 2.0 * S, 2.5 * S], rel=1e-12)
 
 
 def test_bounds_of_a_leg_under_test_go_with_the_leg_and_its_jump(monkeypatch):
