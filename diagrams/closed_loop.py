@@ -104,8 +104,7 @@ class ClosedLoop[S](Diagram):
         sources = machine.sources(scenario) if sources is None else sources
         if not isinstance(controller, System):
             controller = machine.controller_of(scenario, controller, sources)
-        if own_name(scenario):
-            machine = machine.with_signals(outputs_of(controller))
+        machine = machine.with_signals(outputs_of(controller))
         self.machine, self.scenario = machine, scenario
         if plant is not None:
             check_ports(machine, plant, controller, sources)

@@ -233,7 +233,12 @@ def make_parts(
             raise ScenarioError(
                 f"{key} = {quoted(driver.part)} is not one of {', '.join(sorted(parts))}", key
             )
-        ports = PartPorts(_signals(outputs, driver.part), _signals(inputs, driver.part))
+        switches = [spec for spec in inputs if spec.unit == "-"]
+        ports = PartPorts(
+            _signals(outputs, driver.part),
+            _signals(inputs, driver.part),
+            frozenset(_signals(switches, driver.part)),
+        )
         device = driver.make(ports)
         for name in _ports(driver.part, device.commands):
             if name not in {spec.name for spec in inputs}:

@@ -10,6 +10,7 @@ from parapod.diagrams.drivers.epos2 import (
     Epos2Screws,
     Epos2TorqueAxes,
 )
+from parapod.diagrams.drivers.lcm import LcmPart
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqForceCells, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
@@ -27,6 +28,7 @@ DRIVERS = (
     Epos2TorqueAxes,
     Adis16448SpiImu,
     Adis16448IioImu,
+    LcmPart,
     NotFittedPart,
 )
 

@@ -26,6 +26,7 @@ from parapod.diagrams.wiring import inputs_of, outputs_of
 from parapod.systems.core.errors import ParapodError, ScenarioError, WiringError
 from parapod.systems.core.installed import current_name, installed
 from parapod.systems.core.schema import Schema, plain, quantity
+from parapod.systems.hardware.buses.address import is_address
 
 if TYPE_CHECKING:
     from parapod.diagrams.drivers.driver import Driver
@@ -185,6 +186,11 @@ class Machine[S]:
         usual, name = usual or self.controller, own_name(scenario)
         if not name:
             return usual(scenario)
+        if is_address(name):
+            from parapod.diagrams.bus_controller import bus_controller
+
+            own = usual(self.scenario())
+            return bus_controller(self, settings.control.period, name, OWN, own, sources)
         read = {port.name for port in self.inputs}.union(*map(inputs_of, sources))
         # Of the default scenario: limits of its settings are not those of another controller.
         outputs = [output for output in outputs_of(usual(self.scenario())) if output in read]
@@ -198,7 +204,7 @@ class Machine[S]:
         more = [
             Inner(name, "-", "signal of one's own") for name in signals if name not in self.table
         ]
-        return replace(self, ports=(*self.ports, *more))
+        return replace(self, ports=(*self.ports, *more)) if more else self
 
     def all_limits(self, scenario: S) -> Limits:
         """Limits that its ports declare, and those of a scenario."""

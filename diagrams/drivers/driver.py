@@ -34,10 +34,12 @@ class PartPorts:
     Attributes:
         measures: signals that the station shows.
         commands: signals that the station takes.
+        switches: those of the commands that are switches; 1 is the safe side of each.
     """
 
     measures: Mapping[str, int]
     commands: Mapping[str, int]
+    switches: frozenset[str] = frozenset()
 
 
 @dataclass

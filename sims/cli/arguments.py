@@ -262,6 +262,11 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         help="Python file with drivers of your own, for the backend hardware",
     )
     parser.add_argument("--seed", metavar="N", help="short for --set seed=N")
+    parser.add_argument(
+        "--controller",
+        metavar="C",
+        help="short for --set control.controller=C: my_file.py:make, or a bus such as lcm://",
+    )
     parser.set_defaults(switches=[])
 
 
@@ -284,8 +289,8 @@ def load(arguments: argparse.Namespace) -> "tuple[Experiment[Any, Any], Any]":
     if arguments.drivers is not None:
         load_drivers(arguments.drivers)
     overrides = [*arguments.overrides, *_switched(entry, arguments.switches)]
-    for key in ("backend", "seed"):
-        value = getattr(arguments, key)
+    for option, key in (("backend",) * 2, ("seed",) * 2, ("controller", "control.controller")):
+        value = getattr(arguments, option)
         if value is not None:
             overrides.append(f"{key}={value}")
     scenario: Any = load_scenario(

@@ -80,7 +80,7 @@ def _repeated(arguments: argparse.Namespace, settings: Sequence[str]) -> list[st
         settings: settings of the job on devices, before those of the command.
     """
     options = []
-    for name in ("scenario", "machine", "drivers", "seed"):
+    for name in ("scenario", "machine", "drivers", "seed", "controller"):
         value = getattr(arguments, name)
         if value is not None:
             options += [f"--{name}", str(value)]

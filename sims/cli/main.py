@@ -30,6 +30,7 @@ from parapod.sims.cli import (
     report,
     run,
     scenario,
+    serve,
     sheet,
     study,
 )
@@ -53,6 +54,7 @@ GROUPS: dict[str, dict[str, Any]] = {
     "study": {"design": design, "study": study, "compare": compare, "report": report},
     "real machine": {
         "emulate": emulate,
+        "serve": serve,
         "check": check,
         "home": home,
         "adopt": adopt,

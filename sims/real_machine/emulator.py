@@ -84,6 +84,7 @@ def emulated_devices(
     groups: Sequence[Sequence[Driver]],
     path: Path,
     sizes: dict[str, int],
+    idle: dict[str, float],
     parts: Sequence[str],
     seed: int,
 ) -> Iterator[None]:
@@ -95,6 +96,7 @@ def emulated_devices(
         groups: drivers whose devices are emulated, one group for each process.
         path: path of the wires, see `SharedHarness`; it must exist.
         sizes: sizes of the signals on them.
+        idle: value of each command while its part is neutral.
         parts: parts of the machine that can misbehave.
         seed: seed of garbage.
 
@@ -110,7 +112,7 @@ def emulated_devices(
             name = ", ".join(f"{type(driver).__name__} ({driver.part})" for driver in group)
             process = context.Process(
                 target=_serve,
-                args=(group, path, sizes, parts, seed, theirs),
+                args=(group, path, sizes, idle, parts, seed, theirs),
                 name=name,
                 daemon=True,
             )
@@ -144,6 +146,7 @@ def _serve(
     drivers: Sequence[Driver],
     path: Path,
     sizes: dict[str, int],
+    idle: dict[str, float],
     parts: Sequence[str],
     seed: int,
     connection: Connection,
@@ -153,7 +156,7 @@ def _serve(
     take_priority()  # a real device waits for no other program
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for all; the first process ends us
     try:
-        harness = SharedHarness(path, sizes, parts)
+        harness = SharedHarness(path, sizes, parts, idle=idle)
         with following(path.with_name(CLOCK)), ExitStack() as stack:
             for driver in drivers:
                 misbehaviour = harness.misbehaviour(driver.part, seed)
@@ -273,10 +276,11 @@ class EmulatedMachine:
         # Python's interpreter lock, and have a process each. An emulated time waits for them.
         groups = [[driver] for driver in drivers] if self.clock is None else [drivers]
         seed = self._scenario.seed
+        idle = {spec.name: spec.idle for spec in self.machine.inputs}
         try:
             with (
                 going_by(self.clock),
-                emulated_devices(groups, self._wires, self._sizes, self._parts, seed),
+                emulated_devices(groups, self._wires, self._sizes, idle, self._parts, seed),
             ):
                 yield
         finally:

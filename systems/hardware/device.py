@@ -75,6 +75,8 @@ class Device(ABC):
         remarks: facts to print when the device starts, once it is configured or active,
             such as a fault from before; sentences without the device's name.
         place: resource that only one program may command, see `only_program`; "": none.
+        stamp: time of devices at which what `read` returned was measured [s]; None: when it was
+            asked for.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
         fail_safe: those of the commands that are switches; 1 is the safe side of each (stopped,
@@ -85,6 +87,7 @@ class Device(ABC):
     place: str = ""
     watchdog: str = ""
     remarks: Sequence[str] = ()
+    stamp: float | None = None
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
     fail_safe: Collection[str] = ()

@@ -275,7 +275,8 @@ class DeviceThread:
             self._is_reading, self._reading_at = False, math.inf
             self._hold.until(math.inf)
             return
-        self._sample = Sample(values, began, DeviceFault.NONE, "")
+        stamp = self.device.stamp
+        self._sample = Sample(values, began if stamp is None else stamp, DeviceFault.NONE, "")
         self._learn(self._clock() - due)
         self._has_sample.set()
         # Samples of readings that begin at the loop's tick would be a period old at each tick.

@@ -359,9 +359,21 @@ ROWS = {
         faults={"off": {SILENT}, "unplugged": {UNPLUGGED}},
         timeout=0.5,
     ),
+    "LcmPart": Row(
+        library="",
+        real={"lcm_url": "udpm://239.255.76.67:7667?ttl=0"},
+        measures={"position": 2, "velocity": 2},
+        commands={"velocity_command": 2, "brake": 1},
+        truth=("position", (0.7, -0.3), 1e-9),
+        order={"velocity_command": (0.02, 0.01), "brake": (0.0,)},
+        rest={"velocity_command": (0.0, 0.0), "brake": (1.0,)},
+        faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
+        timeout=0.1,
+    ),
     "NotFittedPart": Row(library="", measures={"angle": 1}, commands={"position_command": 1}),
 }
 EMULATED = [name for name in ROWS if name != "NotFittedPart"]
+WITH_LIBRARY = [name for name in EMULATED if ROWS[name].library]
 PROGRAMS = [name for name in EMULATED if not ROWS[name].like]
 DRIVING = [name for name in PROGRAMS if ROWS[name].order]
 MEASURING = [name for name in EMULATED if ROWS[name].truth]
@@ -383,7 +395,12 @@ LARGEST = {
     "torque_command": lambda driver: driver.max_force,
     "position_command": lambda driver: max(driver.strokes[1]),
 }
-OBEYING = [name for name in DRIVING if "stop" not in ROWS[name].order or len(ROWS[name].order) > 1]
+# What is beyond a bus has limits of its own.
+OBEYING = [
+    name
+    for name in DRIVING
+    if name != "LcmPart" and ("stop" not in ROWS[name].order or len(ROWS[name].order) > 1)
+]
 FAULTS = [(name, kind) for name in PROGRAMS for kind in ROWS[name].faults]
 REMEMBERING = [name for name in PROGRAMS if ROWS[name].memory]
 
@@ -426,9 +443,11 @@ class Rig:
     def __init__(self, name, **settings):
         self.row = row = ROWS[name]
         self.driver = fitted(DRIVERS[name](**row.settings | settings))
-        self.ports = PartPorts(row.measures, row.commands)
+        switches = frozenset(s for s in row.commands if UNITS.get(s) in SWITCHING)
+        self.ports = PartPorts(row.measures, row.commands, switches)
         self.misbehaviour = Misbehaviour()
-        self.harness = Harness(wires(row, self.driver.part))
+        idle = {port(self.driver.part, s): float(s in switches) for s in row.commands}
+        self.harness = Harness(wires(row, self.driver.part), idle)
         if row.memory:
             self.set(*row.truth[:2])
 
@@ -624,7 +643,7 @@ def test_scenario_loads_settings_and_neither_devices_nor_emulators_nor_libraries
         "\n"
     )[:2]
     modules = {name.removeprefix("parapod.systems.hardware.") for name in ours.split()}
-    allowed = {"addresses", "soft_limits", "epos2.switches"}  # of settings
+    allowed = {"addresses", "soft_limits", "epos2.switches", "buses", "buses.address"}
     packages = {name.partition(".")[0] for name in modules if name.endswith(".settings")}
     assert len(packages) == 4
     assert {m for m in modules if not m.endswith(".settings")} <= allowed | packages
@@ -642,7 +661,7 @@ def test_making_a_device_opens_and_loads_nothing(place, name, monkeypatch):
     made.close()
 
 
-@pytest.mark.parametrize("name", EMULATED)
+@pytest.mark.parametrize("name", WITH_LIBRARY)
 def test_missing_library_is_named_with_the_command_that_installs_it(place, name, monkeypatch):
     library = ROWS[name].library
     monkeypatch.setitem(sys.modules, library, None)
@@ -670,6 +689,7 @@ def test_one_address_by_two_names_has_one_lock(tmp_path, monkeypatch, name):
         "port": ("adapter", f"{tmp_path}/adapter", f"{tmp_path}/tty"),
         "address": ("0.0", "/dev/spidev0.0"),
         "target": ("localhost:31763", "127.0.0.1:31763", "[::1]:31763"),
+        "lcm_url": ("", "udpm://239.255.76.67:7667", "udpm://239.255.76.67:7667?ttl=0"),
     }
     (key,) = ROWS[name].real
     made = [Rig(name, **{key: address}).device() for address in names[key]]
@@ -770,7 +790,8 @@ def test_real_address_is_not_emulated(place, name):
 def test_device_that_is_not_there_is_named_in_time_and_not_configured(place, name, judge):
     row = ROWS[name]
     try:
-        need(row.library)
+        if row.library:
+            need(row.library)
     except MissingExtra as error:
         pytest.skip(str(error))
     made = Rig(name, **row.real).device()

@@ -23,18 +23,30 @@ class Harness:
     Values are tuples that are swapped whole, so a reader never sees half of one.
     """
 
-    def __init__(self, sizes: Mapping[str, int]):
+    def __init__(self, sizes: Mapping[str, int], idle: Mapping[str, float] | None = None):
         """Creates wires at zero.
 
         Args:
             sizes: the number of elements of each signal, by its port's name.
+            idle: value of each command to the machine while its part is neutral; None: which of
+                the signals are commands is not known.
         """
+        self._sizes, self._idle = dict(sizes), dict(idle or {})
         self._values: dict[str, tuple[float, ...]] = {
             name: (0.0,) * size for name, size in sizes.items()
         }
 
     def __contains__(self, name: str) -> bool:
         return name in self._values
+
+    def signals_of(self, part: str) -> dict[str, tuple[int, float | None]]:
+        """Signals of a part: size, and idle value of a command; None for a measurement."""
+        start = f"{part}."
+        return {
+            name.removeprefix(start): (size, self._idle.get(name))
+            for name, size in self._sizes.items()
+            if name.startswith(start)
+        }
 
     def get(self, name: str) -> tuple[float, ...]:
         """The newest value of a signal."""
@@ -72,6 +84,7 @@ class MutedHarness(Harness):
             muted: the signals that are not to be set.
         """
         self._harness, self._muted = harness, frozenset(muted)
+        self._sizes, self._idle = harness._sizes, harness._idle
 
     def __contains__(self, name: str) -> bool:
         return name in self._harness
@@ -213,7 +226,12 @@ class SharedHarness(Harness):
     """
 
     def __init__(
-        self, path: Path, sizes: Mapping[str, int], parts: Sequence[str], is_new: bool = False
+        self,
+        path: Path,
+        sizes: Mapping[str, int],
+        parts: Sequence[str],
+        is_new: bool = False,
+        idle: Mapping[str, float] | None = None,
     ):
         """Opens the wires.
 
@@ -222,7 +240,9 @@ class SharedHarness(Harness):
             sizes: the number of elements of each signal, by its port's name.
             parts: parts that share its misbehaviours.
             is_new: makes the file, with all wires at zero.
+            idle: see `Harness`.
         """
+        self._sizes, self._idle = dict(sizes), dict(idle or {})
         self._layout: dict[str, tuple[int, struct.Struct]] = {}
         end = 0
         for signal, size in sizes.items():

@@ -1,0 +1,1 @@
+"""Buses that other programs speak: LCM, with the table of ports as its messages."""

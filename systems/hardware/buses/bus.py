@@ -1,0 +1,162 @@
+"""A bus as this program sees it: channels to publish on, and inboxes that judge what comes."""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+from parapod.systems.hardware.device import DeviceFault
+
+# A sender's clock that goes on by so much more or less than ours has jumped [s].
+JUMP = 1.0
+# Messages that come so much more often than they may are those of two senders [-], and so are so
+# many that come out of order of those [-] of a time [s].
+_CROWD, _MIXED, _COUNTED = 1.5, 0.2, 0.5
+
+
+class Received(NamedTuple):
+    """A message that was accepted.
+
+    Attributes:
+        signals: values by the signals' names.
+        message: message as it came.
+        arrived: time of devices (`clock.monotonic`) at which it did [s].
+    """
+
+    signals: dict[str, tuple[float, ...]]
+    message: Message
+    arrived: float
+
+
+class Problem(NamedTuple):
+    """Fault of a channel, and its words."""
+
+    fault: DeviceFault
+    words: str
+
+
+class Inbox:
+    """Newest message of a channel, and what is wrong with those that came.
+
+    A message that came before, or is older than the newest, is ignored and counted. One of other
+    names or sizes, or with a value that is not finite, is a fault for as long as a message may be
+    late; so is a clock of the sender that jumps, and so are two senders on one channel: known by
+    messages of one time that differ, by a fifth of them that is out of order, or by messages that
+    come half as often again as they may.
+
+    Attributes:
+        channel: name of the channel.
+        sizes: signals of its messages, and their sizes.
+        newest: the newest message that was accepted; None before the first.
+        ignored: number of messages that came twice, and of those that came out of order.
+    """
+
+    def __init__(self, channel: str, layout: Layout, rate: float, timeout: float):
+        """Opens an empty inbox.
+
+        Args:
+            channel: name of the channel.
+            layout: signals that its messages have.
+            rate: messages a second that its sender publishes, at most [Hz]; infinite: any number.
+            timeout: age from which the newest message is too old [s].
+        """
+        self.channel, self.sizes = channel, layout.sizes
+        self.newest: Received | None = None
+        self.ignored = [0, 0]
+        self._layout, self._timeout = layout, timeout
+        self._most = _CROWD * rate * _COUNTED + 2.0
+        self._wrong: tuple[float, str] | None = None
+        self._arrivals: deque[tuple[float, bool]] = deque()
+
+    def take(self, message: Message, arrived: float) -> None:
+        """Judges a message.
+
+        Args:
+            message: message as it came.
+            arrived: time of devices at which it did [s].
+        """
+        last = self.newest
+        has_stamps = last is not None and message.stamp > 0.0 and last.message.stamp > 0.0
+        ahead = message.stamp - last.message.stamp if last is not None and has_stamps else 1.0
+        self._look_for_two(arrived, -JUMP < ahead < 0.0)
+        try:
+            signals = self._layout.unpack(message)
+        except WrongMessage as error:
+            self.refuse(str(error), arrived)
+            return
+        if last is not None and has_stamps:
+            if -JUMP < ahead <= 0.0:
+                self.ignored[0 if ahead == 0.0 else 1] += 1
+                if ahead == 0.0 and signals != last.signals:
+                    self.refuse("two messages of one time, as of two senders", arrived)
+                return
+            if abs(ahead - (arrived - last.arrived)) > JUMP:
+                self.refuse(f"the sender's clock has jumped by {ahead:+.3g} s", arrived)
+        self.newest = Received(signals, message, arrived)
+
+    def _look_for_two(self, arrived: float, is_older: bool) -> None:
+        """Refuses messages that come as those of two senders do."""
+        arrivals = self._arrivals
+        arrivals.append((arrived, is_older))
+        while arrivals[0][0] < arrived - _COUNTED:
+            arrivals.popleft()
+        count, older = len(arrivals), sum(old for _, old in arrivals)
+        if count > self._most:
+            self.refuse(f"{count / _COUNTED:.0f} messages a second, as of two senders", arrived)
+        elif older > max(2.0, _MIXED * count):
+            self.refuse(f"{older} of {count} messages out of order, as of two senders", arrived)
+
+    def refuse(self, words: str, arrived: float) -> None:
+        """Notes what is wrong with a message.
+
+        Args:
+            words: fault, to follow the name of the channel.
+            arrived: time of devices [s].
+        """
+        self._wrong = arrived, words
+
+    def problem(self, now: float) -> Problem | None:
+        """Fault of the channel now; None if it has none.
+
+        Args:
+            now: time of devices [s].
+        """
+        if self._wrong is not None and now - self._wrong[0] <= self._timeout:
+            return Problem(DeviceFault.CORRUPT, f"{self.channel}: {self._wrong[1]}")
+        if self.newest is None:
+            return Problem(DeviceFault.SILENT, f"no message on {self.channel} yet")
+        age = now - self.newest.arrived
+        if age > self._timeout:
+            return Problem(DeviceFault.SILENT, f"no message on {self.channel} for {age:.2g} s")
+        return None
+
+
+class Bus(ABC):
+    """A connection to a bus; a thread of its own receives.
+
+    Attributes:
+        name: kind and address, as errors call it.
+    """
+
+    name: str
+
+    @abstractmethod
+    def publish(self, channel: str, message: Message) -> None:
+        """Sends a message.
+
+        Raises:
+            DeviceError: it cannot be sent.
+        """
+
+    @abstractmethod
+    def subscribe(self, inbox: Inbox) -> None:
+        """Has an inbox take the messages of its channel from here on."""
+
+    @abstractmethod
+    def channels(self) -> Sequence[str]:
+        """Channels on which others have published."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends the connection; never raises."""

@@ -1,0 +1,260 @@
+"""A controller in another program, in the place of a machine's own."""
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from pydrake.systems.framework import Context, InputPort, State
+
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.leaf_system import LeafSystem
+from parapod.systems.core.ports import read
+from parapod.systems.hardware.buses.bus import Bus, Inbox
+from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.part import channels_of
+from parapod.systems.hardware.buses.served_part import ServedPart
+from parapod.systems.hardware.clock import monotonic, sleep
+
+type Values = Mapping[str, tuple[float, ...]]
+type Sizes = Mapping[str, int]
+
+# Parts on the bus beside those of the machine: the station as a whole, the controller, the job.
+STATION, CONTROLLER, JOB = "station", "controller", "job"
+# Part of the machine's signals that tells how its devices are; it is told with the station.
+_DEVICES = "status."
+# Signals of the station as a whole: numbers of parts that are neutral, and latched.
+_COUNTS = {"neutral": 1, "latched": 1}
+# Longest wait for the first commands, and pause between two looks for some [s].
+_BEGINNING, _PAUSE = 2.0, 2e-4
+
+
+class BusController(LeafSystem):
+    """A controller behind a bus: publishes what its machine measures, and takes commands.
+
+    | port | size | unit | meaning |
+    |---|---|---|---|
+    | out `neutral` | 1 | - | number of parts that are neutral for want of commands |
+
+    Besides, one input for each measurement of the machine and each signal of its job, and one
+    output for each command and each further signal of the controller, by the names of their ports.
+
+    Each part of the machine is a `ServedPart`. The channel of the station comes last at each
+    instant: a controller that answers it has all measurements of that instant. Other signals of
+    the controller than commands may be published on a channel of its own, for experiments that
+    record them; until then they are NaN.
+
+    With `patience` every instant waits for commands that were sent after its measurements, so that
+    a simulation goes on as fast as the controller answers; without, the newest commands count.
+
+    State: discrete, every output's value, in a periodic unrestricted update. The bus is opened at
+    the first instant, and kept beside the Context.
+
+    Bad input: measurements are published as they are.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Bus],
+        measures: Sizes,
+        commands: Sizes,
+        idle: Mapping[str, float],
+        job: Sizes | None = None,
+        signals: Sizes | None = None,
+        period: float = 0.01,
+        *,
+        suffix: str = "",
+        timeout: float = 0.1,
+        patience: float = 0.0,
+    ):
+        """Creates the system.
+
+        Args:
+            open_bus: opens the bus.
+            measures: measurements of the machine, and their sizes.
+            commands: commands to the machine, and their sizes.
+            idle: value of each command while its part is neutral.
+            job: signals of the job that the controller may follow, and their sizes.
+            signals: further signals of the controller, and their sizes.
+            period: period of the controller [s].
+            suffix: end of the channels' names, of one machine of several.
+            timeout: age from which commands are too old [s].
+            patience: longest wait for commands at an instant [s]; 0: none.
+        """
+        super().__init__()
+        self.set_name("bus_controller")
+        self._patience, self._commands = patience, dict(commands)
+
+        def connect() -> ServedStation:
+            return ServedStation(
+                *(open_bus(), measures, commands, idle, job or {}, signals or {}),
+                suffix=suffix,
+                timeout=timeout,
+            )
+
+        self._connect = connect
+        self._station: ServedStation | None = None
+        self._ports: dict[str, InputPort] = {
+            name: self.DeclareVectorInputPort(name, size)
+            for name, size in {**measures, **(job or {})}.items()
+        }
+        first = {name: np.full(size, idle[name]) for name, size in commands.items()}
+        first |= {name: np.full(size, math.nan) for name, size in (signals or {}).items()}
+        self._groups: dict[str, int] = {}
+        for name, values in (first | {"neutral": np.zeros(1)}).items():
+            group = self.DeclareDiscreteState(values)
+            self._groups[name] = int(group)
+            self.DeclareStateOutputPort(name, group)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+
+    @property
+    def station(self) -> "ServedStation":
+        """The machine on the bus, which is opened when it is first asked for.
+
+        Raises:
+            DeviceError: the bus cannot be opened.
+        """
+        if self._station is None:
+            self._station = self._connect()
+        return self._station
+
+    def close(self) -> None:
+        """Ends the connection; another instant opens a new one."""
+        station, self._station = self._station, None
+        if station is not None:
+            station.bus.close()
+
+    def _update(self, context: Context, state: State) -> None:
+        discrete, present = state.get_mutable_discrete_state(), context.get_discrete_state()
+        values = {name: tuple(read(port, context)) for name, port in self._ports.items()}
+        for name in self._commands:
+            values[name] = tuple(present.get_vector(self._groups[name]).value())
+        self.station.publish(values, context.get_time())
+        if self._patience:
+            self.station.wait(self._patience)
+        for name, latest in self.station.outputs().items():
+            discrete.set_value(self._groups[name], np.array(latest))
+
+
+class ServedStation:
+    """A whole machine on an open bus.
+
+    Attributes:
+        bus: the bus.
+        parts: parts of the machine.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        measures: Sizes,
+        commands: Sizes,
+        idle: Mapping[str, float],
+        job: Sizes,
+        signals: Sizes,
+        *,
+        suffix: str,
+        timeout: float,
+    ):
+        """Opens the channels; see `BusController`."""
+        self.bus = bus
+        own = {name: size for name, size in measures.items() if not name.startswith(_DEVICES)}
+        devices = {name.removeprefix(_DEVICES): measures[name] for name in measures.keys() - own}
+        names = dict.fromkeys(name.partition(".")[0] for name in (*own, *commands))
+        self.parts = [
+            ServedPart(
+                *(part, bus, _within(part, own), _within(part, commands), _within(part, idle)),
+                suffix=suffix,
+                timeout=timeout,
+            )
+            for part in names
+        ]
+        self._devices, self._published = devices, monotonic()
+        # Those of the job first, so that the station's is the last of an instant.
+        self._others = {
+            channels_of(JOB, suffix)[0]: Layout(job),
+            channels_of(STATION, suffix)[0]: Layout(_COUNTS | devices),
+        }
+        channel = channels_of(CONTROLLER, suffix)[0]
+        self._signals = {
+            name: Inbox(channel, Layout({name: size}), math.inf, math.inf)
+            for name, size in signals.items()
+        }
+        for inbox in self._signals.values():
+            bus.subscribe(inbox)
+        self._has_heard = False
+
+    @property
+    def published(self) -> dict[str, Sizes]:
+        """Signals that are published, with their sizes, by channel."""
+        channels: dict[str, Sizes] = {part.status: part.sizes for part in self.parts}
+        for channel, layout in self._others.items():
+            channels[channel] = layout.sizes
+        return channels
+
+    @property
+    def taken(self) -> dict[str, Sizes]:
+        """Commands that are taken, with their sizes, by channel."""
+        return {p.inbox.channel: p.inbox.sizes for p in self.parts if p.inbox.sizes}
+
+    def publish(self, values: Values, time: float) -> None:
+        """Publishes an instant.
+
+        Args:
+            values: measurements, commands that are obeyed, and signals of the job.
+            time: time of the instant [s].
+        """
+        self._published = monotonic()
+        for part in self.parts:
+            part.publish(_within(part.part, values), time)
+        counts = {
+            "neutral": (float(sum(part.is_neutral for part in self.parts)),),
+            "latched": (float(sum(part.latched is not None for part in self.parts)),),
+        }
+        devices = {name: values[f"{_DEVICES}{name}"] for name in self._devices}
+        for channel, layout in self._others.items():
+            if layout.names:
+                packed = layout.pack({**values, **counts, **devices})
+                self.bus.publish(channel, Message(layout.names, packed, time))
+
+    def wait(self, patience: float) -> None:
+        """Waits for commands that came after the last instant, of the parts that have had some.
+
+        Args:
+            patience: longest wait, once there have been commands [s].
+
+        Raises:
+            ParapodError: there have never been any.
+        """
+        inboxes, since = [part.inbox for part in self.parts], self._published
+        end = since + (patience if self._has_heard else _BEGINNING)
+        while monotonic() < end:
+            newest = [inbox.newest for inbox in inboxes if inbox.newest is not None]
+            if newest and all(each.arrived >= since for each in newest):
+                self._has_heard = True
+                return
+            sleep(_PAUSE)
+        if not self._has_heard:
+            there = ", ".join(self.bus.channels()) or "no channel"
+            wrong = [p.words for p in (i.problem(monotonic()) for i in inboxes if i.sizes) if p]
+            raise ParapodError(
+                f"no commands in {_BEGINNING:g} s: {'; '.join(wrong)}; others publish {there} on "
+                f"{self.bus.name}"
+            )
+
+    def outputs(self) -> dict[str, tuple[float, ...]]:
+        """The newest commands by the names of their ports, and further signals that came."""
+        now, outputs = monotonic(), {}
+        for part in self.parts:
+            for name, values in part.commands(now).items():
+                outputs[f"{part.part}.{name}"] = tuple(values)
+        for name, inbox in self._signals.items():
+            if inbox.newest is not None:
+                outputs[name] = inbox.newest.signals[name]
+        silent = sum(p.is_neutral for p in self.parts if p.inbox.sizes)
+        return outputs | {"neutral": (float(silent),)}
+
+
+def _within[V](part: str, named: Mapping[str, V]) -> dict[str, V]:
+    """Things of a part, by their names within it."""
+    start = f"{part}."
+    return {n.removeprefix(start): value for n, value in named.items() if n.startswith(start)}

@@ -1,0 +1,97 @@
+"""An emulated part behind a bus: between its channels and the wires of a simulated machine."""
+
+import threading
+from collections.abc import Callable
+from typing import Self
+
+from parapod.systems.hardware.buses.bus import Bus
+from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.served_part import ServedPart
+from parapod.systems.hardware.clock import monotonic, wait
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
+
+
+class EmulatedBusPart:
+    """A part that publishes its status and takes commands, as `ServedPart` does.
+
+    | wire | size | unit | meaning |
+    |---|---|---|---|
+    | to the machine `<part>.<command>` | n | SI | its commands; idle ones while it is neutral |
+    | from the machine `<part>.<measurement>` | n | SI | its measurements |
+
+    Misbehaviour: a part that is `off`, `intermittent` or `unplugged` publishes nothing and hears
+    nothing; `garbage` takes names out of its messages; anything else changes what it measures.
+    """
+
+    def __init__(
+        self,
+        part: str,
+        open_bus: Callable[[], Bus],
+        harness: Harness,
+        misbehaviour: Misbehaviour | None = None,
+        *,
+        suffix: str = "",
+        rate: float = 100.0,
+    ):
+        """Describes the part; its channels are open within a `with` block.
+
+        Args:
+            part: name of the part.
+            open_bus: opens the bus.
+            harness: the wires.
+            misbehaviour: faults of the part.
+            suffix: end of the channels' names, of one machine of several.
+            rate: messages a second [Hz].
+        """
+        self.part, self._open, self._suffix, self._rate = part, open_bus, suffix, rate
+        self._harness, self._misbehaviour = harness, misbehaviour or Misbehaviour()
+        signals = harness.signals_of(part)
+        self._idle = {n: idle for n, (_, idle) in signals.items() if idle is not None}
+        self._measures = {n: size for n, (size, idle) in signals.items() if idle is None}
+        self._commands = {n: signals[n][0] for n in self._idle}
+        self._measured = Layout(self._measures)
+        self._over = threading.Event()
+        self._bus: Bus | None = None
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        self._over.clear()
+        self._bus = self._open()
+        served = ServedPart(
+            *(self.part, self._bus, self._measures, self._commands, self._idle),
+            suffix=self._suffix,
+        )
+        self._thread = threading.Thread(target=self._run, args=(served,), daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+        if self._bus is not None:
+            self._bus.close()
+
+    def _run(self, served: ServedPart) -> None:
+        while not wait(self._over, 1.0 / self._rate):
+            now = monotonic()
+            if not self._misbehaviour.answers(now):
+                continue
+            if self._commands:
+                for name, values in served.commands(now).items():
+                    self._harness.set(f"{self.part}.{name}", values)
+            self._publish(served, now)
+
+    def _publish(self, served: ServedPart, now: float) -> None:
+        measured = {n: self._harness.get(f"{self.part}.{n}") for n in self._measures}
+        values = self._misbehaviour.shown(self._measured.pack(measured), now)
+        start = 0
+        for name, size in self._measures.items():
+            measured[name] = values[start : start + size]
+            start += size
+        commanded = {n: self._harness.get(f"{self.part}.{n}") for n in self._commands}
+        if self._misbehaviour.is_garbled and self._bus is not None:
+            names = [f"{name}?" for name in self._measured.names]
+            self._bus.publish(served.status, Message(names, values, now))
+        else:
+            served.publish(measured | commanded, now)

@@ -1,0 +1,180 @@
+"""A part of a machine that another program serves on a bus."""
+
+import math
+from collections.abc import Callable, Collection, Mapping
+
+from parapod.systems.core.switching import switched
+from parapod.systems.hardware.buses.bus import Bus, Inbox
+from parapod.systems.hardware.buses.message import ACTIVE, Layout, Message
+from parapod.systems.hardware.clock import monotonic, sleep
+from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
+
+# How long a part may take until its first message comes, and the pause between two looks [s].
+_PATIENCE, _PAUSE = 1.8, 5e-3
+# Number of messages that say that a part is to be neutral, and pause after each [s].
+_TIMES, _BETWEEN = 3, 3e-3
+# Least time between two commands: LCM's unit [s].
+_APART = 1e-6
+
+
+class BusPart(Device):
+    """A part behind a bus, whose other end publishes what it measures and takes commands.
+
+    Commands are one message with all signals and `active`, which is 0 while the outputs are to be
+    neutral: before `activate`, after `deactivate`, while a command is not finite or a switch is
+    near neither 0 nor 1, and once the controller has fallen silent. The other end must become
+    neutral by itself when no message comes any more.
+
+    A measurement is as old as its message: from its arrival on.
+    """
+
+    def __init__(
+        self,
+        part: str,
+        open_bus: Callable[[], Bus],
+        measures: Mapping[str, int],
+        commands: Mapping[str, int],
+        *,
+        fail_safe: Collection[str] = (),
+        place: str = "",
+        suffix: str = "",
+        rate: float = 100.0,
+        timeout: float = 0.1,
+        patience: float = _PATIENCE,
+    ):
+        """Describes the part; nothing is opened.
+
+        Args:
+            part: name of the part.
+            open_bus: opens the bus.
+            measures: signals that it measures, and their sizes.
+            commands: signals that it takes, and their sizes.
+            fail_safe: those of the commands that are switches, see `Device`.
+            place: address of the bus.
+            suffix: end of the channels' names, of one machine of several.
+            rate: messages a second that it publishes [Hz].
+            timeout: age from which its newest message is too old [s].
+            patience: time for which its first message is waited for [s].
+        """
+        self.measures, self.commands = dict(measures), dict(commands)
+        self.fail_safe = frozenset(fail_safe)
+        self._status, self._command = channels_of(part, suffix)
+        self.place = f"{self._command} at {place}" if commands else ""
+        self.name = f"{part} on {self._status if measures else self._command}"
+        self._open, self._rate, self._timeout, self._patience = open_bus, rate, timeout, patience
+        self._measured, self._commanded = Layout(self.measures), Layout(self.commands)
+        self._names = (*self._commanded.names, ACTIVE)
+        self._idle = [float(n.partition("[")[0] in self.fail_safe) for n in self._commanded.names]
+        self._bus: Bus | None = None
+        self._inbox: Inbox | None = None
+        self._is_active, self._sent = False, 0.0
+
+    def configure(self) -> None:
+        """Connects, and waits for the first message.
+
+        Raises:
+            DeviceError: none comes; tells which channels there are.
+        """
+        self.close()
+        self._bus = self._open()
+        self._inbox = Inbox(self._status, self._measured, self._rate, self._timeout)
+        if self.measures:
+            self._bus.subscribe(self._inbox)
+            self._await()
+        self.neutral()
+
+    def _await(self) -> None:
+        assert self._bus is not None
+        assert self._inbox is not None
+        end = monotonic() + self._patience
+        while self._inbox.newest is None:
+            if monotonic() > end:
+                bus, inbox = self._bus, self._inbox
+                problem = inbox.problem(monotonic())
+                words = f"no message on {self._status} in {self._patience:g} s"
+                if problem is not None and problem.fault != DeviceFault.SILENT:
+                    raise self._error(problem.fault, problem.words)
+                there = ", ".join(bus.channels()) or "no channel at all"
+                raise self._error(DeviceFault.UNPLUGGED, f"{words}; {bus.name} has {there}")
+            sleep(_PAUSE)
+
+    def _error(self, fault: DeviceFault, words: str) -> DeviceError:
+        """The error, once the bus is closed: nothing stays open."""
+        self.close()
+        return DeviceError(self.name, words, fault)
+
+    def activate(self) -> None:
+        """Says that the part is controlled from here on."""
+        self._is_active = True
+
+    def read(self) -> Signals:
+        """See `Device`.
+
+        Raises:
+            DeviceError: no message has come in time, or what came was wrong.
+        """
+        self._insist()
+        if not self.measures:
+            return {}
+        assert self._inbox is not None
+        if (problem := self._inbox.problem(monotonic())) is not None:
+            raise DeviceError(self.name, problem.words, problem.fault)
+        newest = self._inbox.newest
+        assert newest is not None
+        self.stamp = newest.arrived
+        return newest.signals
+
+    def _insist(self) -> None:
+        """Refuses what needs a connection.
+
+        Raises:
+            DeviceError: there is none.
+        """
+        if self._bus is None:
+            raise DeviceError(self.name, "not configured", DeviceFault.UNPLUGGED)
+
+    def write(self, commands: Signals) -> None:
+        """See `Device`."""
+        self._insist()
+        values = self._commanded.pack(commands)
+        are_sure = all(
+            switched(value) is not None for n in self.fail_safe for value in commands[n]
+        )
+        is_active = self._is_active and are_sure and all(map(math.isfinite, values))
+        self._publish(values if is_active else self._idle, is_active)
+
+    def neutral(self) -> None:
+        """See `Device`; said several times, since a bus may lose messages."""
+        for _ in range(_TIMES):
+            self._publish(self._idle, is_active=False)
+            sleep(_BETWEEN)
+
+    def deactivate(self) -> None:
+        """See `Device`."""
+        self._is_active = False
+        self.neutral()
+
+    def _publish(self, values: list[float], is_active: bool) -> None:
+        if self._bus is not None and self.commands:
+            # No two have one time, by which they could not be told apart.
+            self._sent = max(monotonic(), self._sent + _APART)
+            message = Message(self._names, [*values, float(is_active)], self._sent)
+            self._bus.publish(self._command, message)
+
+    def close(self) -> None:
+        """See `Device`."""
+        bus, self._bus = self._bus, None
+        self._is_active = False
+        if bus is not None:
+            bus.close()
+
+
+def channels_of(part: str, suffix: str = "") -> tuple[str, str]:
+    """Channels of a part's status and of its commands.
+
+    Args:
+        part: name of the part.
+        suffix: end of the names, of one machine of several.
+    """
+    name = part.upper()
+    return f"{name}_STATUS{suffix}", f"{name}_COMMAND{suffix}"

@@ -1,0 +1,93 @@
+"""A part of a machine as it serves itself on a bus: it publishes its status and takes commands."""
+
+import math
+from collections.abc import Mapping
+
+from parapod.systems.hardware.buses.bus import Bus, Inbox, Problem
+from parapod.systems.hardware.buses.message import Layout, Message, is_active
+from parapod.systems.hardware.buses.part import channels_of
+from parapod.systems.hardware.device import Signals
+
+# A controller that has been silent for so long has given the part up [s].
+_GIVEN_UP = 1.0
+
+
+class ServedPart:
+    """One part of a machine on a bus.
+
+    Its status has what is measured, and after it what is commanded, by the names of its signals.
+    Commands that do not come in time, or that are wrong, make the part neutral, and it stays so
+    until its sender has given it up: by a message that is not `active`, or by silence for a
+    second.
+
+    Attributes:
+        part: name of the part.
+        status: channel of its status.
+        sizes: signals of its status, and their sizes.
+        inbox: commands as they come.
+        latched: fault that has made the part neutral, until its sender gives it up; None: none.
+        is_neutral: true if the commands last asked for were those of a neutral part.
+    """
+
+    def __init__(
+        self,
+        part: str,
+        bus: Bus,
+        measures: Mapping[str, int],
+        commands: Mapping[str, int],
+        idle: Mapping[str, float],
+        *,
+        suffix: str = "",
+        timeout: float = 0.1,
+    ):
+        """Opens its channels.
+
+        Args:
+            part: name of the part.
+            bus: the bus.
+            measures: signals that it measures, and their sizes.
+            commands: signals that it takes, and their sizes.
+            idle: value of each command while the part is neutral.
+            suffix: end of the channels' names, of one machine of several.
+            timeout: age from which the newest command is too old [s].
+        """
+        self.part, self._bus = part, bus
+        self.status, command = channels_of(part, suffix)
+        self._layout = Layout({**measures, **commands})
+        self.sizes = self._layout.sizes
+        self._idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
+        self.inbox = Inbox(command, Layout(commands), math.inf, timeout)
+        self.latched: Problem | None = None
+        self.is_neutral, self._has_begun = True, False
+        if commands:
+            bus.subscribe(self.inbox)
+
+    def publish(self, signals: Signals, stamp: float) -> None:
+        """Publishes the status.
+
+        Args:
+            signals: values of what it measures, and of what it is commanded.
+            stamp: time of the measurements [s].
+        """
+        values = self._layout.pack(signals)
+        self._bus.publish(self.status, Message(self._layout.names, values, stamp))
+
+    def commands(self, now: float) -> Signals:
+        """The newest commands; those of a neutral part if there are none that count.
+
+        Args:
+            now: time of devices [s].
+        """
+        newest, problem = self.inbox.newest, self.inbox.problem(now)
+        self.is_neutral = True
+        if newest is None:
+            return self._idle
+        if not is_active(newest.message) or now - newest.arrived > _GIVEN_UP:
+            self.latched, self._has_begun = None, False
+            return self._idle
+        if problem is not None and self._has_begun:
+            self.latched, self._has_begun = problem, False
+        if problem is not None or self.latched is not None:
+            return self._idle
+        self.is_neutral, self._has_begun = False, True
+        return newest.signals

@@ -1,0 +1,110 @@
+"""A platform whose controller is another program: levelled, and safe when that is killed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.levelling_platform.machine import PLATFORM
+from parapod.diagrams.machine import list_machines
+from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.scenario_file import load_scenario
+from tests.systems.hardware.buses.conftest import lcm_url, until  # noqa: F401
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "buses"
+
+
+def loop_of(url, *settings):
+    address = f"control.controller=lcm://{url.removeprefix('udpm://')}"
+    overrides = (address, "backend=kinematic", *settings)
+    return ClosedLoop(PLATFORM, load_scenario(PLATFORM.scenario, overrides=overrides))
+
+
+@pytest.fixture
+def controller(lcm_url):  # noqa: F811
+    pytest.importorskip("lcm", reason="the example needs LCM's own library")
+    program = subprocess.Popen(
+        [sys.executable, "level_lcm.py", lcm_url], cwd=EXAMPLES, stderr=subprocess.PIPE
+    )
+    yield program
+    program.kill()
+    program.communicate()
+
+
+def test_another_program_levels_the_platform_and_its_end_leaves_it_neutral(controller, lcm_url):  # noqa: F811
+    loop = loop_of(lcm_url, "ground={roll_deg: 2, pitch_deg: 3}")
+    simulator = loop.simulator()
+    station = loop.controller.station
+
+    def heard():  # by a program that takes its time to begin
+        station.bus.publish("HELLO", _nothing())
+        return controller.poll() is not None or _answers(loop, simulator)
+
+    until(heard, 60.0)
+    assert controller.poll() is None, controller.stderr.read().decode()
+    simulator.AdvanceTo(8.0)
+    recording = loop.recording(simulator.get_context())
+    roll, pitch, _ = np.degrees(recording["truth.posture"]).T
+    assert abs(roll[0]) + abs(pitch[0]) > 4.5
+    assert np.hypot(roll[-1], pitch[-1]) < 0.1
+    assert np.abs(recording["legs.voltage"]).max() > 0.5
+    controller.kill()
+    controller.wait()
+    simulator.AdvanceTo(8.05)
+    context = loop.controller.GetMyContextFromRoot(simulator.get_context())
+    np.testing.assert_array_equal(loop.controller.GetOutputPort("legs.voltage").Eval(context), 0.0)
+    (legs,) = (part for part in station.parts if part.part == "legs")
+    assert legs.is_neutral
+    assert "no message on LEGS_COMMAND" in legs.latched.words
+    loop.controller.close()
+
+
+def _nothing():
+    from parapod.systems.hardware.buses.message import Message
+
+    return Message((), (), 1.0)
+
+
+def _answers(loop, simulator):
+    """Whether a first instant has been answered."""
+    try:
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.01)
+    except ParapodError:
+        return False
+    return True
+
+
+def test_a_controller_that_is_not_there_is_told_of_in_a_line(lcm_url):  # noqa: F811
+    loop = loop_of(lcm_url)
+    with pytest.raises(ParapodError) as caught:
+        loop.simulator().AdvanceTo(0.05)
+    loop.controller.close()
+    text = str(caught.value)
+    assert text.startswith("no commands in 2 s: no message on LEGS_COMMAND yet")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize("machine", list_machines(), ids=lambda machine: machine.name)
+def test_every_machine_may_have_its_controller_on_a_bus(machine):
+    scenario = machine.scenario()
+    scenario.control.controller = "lcm://"
+    loop = ClosedLoop(machine, scenario)
+    outputs = {port.name for port in loop.machine.inputs}
+    assert outputs <= {
+        loop.controller.get_output_port(i).get_name()
+        for i in range(loop.controller.num_output_ports())
+    } | {name for source in loop.sources for name in _outputs(source)}
+    channels = loop.controller.station.published
+    loop.controller.close()
+    for part in machine.parts:
+        if any(port.part == part for port in machine.measured):
+            assert f"{part.upper()}_STATUS" in channels
+    # What only a simulation knows is not on the bus.
+    assert not any("truth" in name for sizes in channels.values() for name in sizes)
+
+
+def _outputs(system):
+    return [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]

@@ -1,0 +1,141 @@
+"""LCM between two connections: messages, channels, other types, addresses."""
+
+import math
+import time
+
+import pytest
+from drake import lcmt_drake_signal, lcmt_scope
+from pydrake.lcm import DrakeLcm
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.hardware.buses.address import address_of, is_address
+from parapod.systems.hardware.buses.bus import Inbox
+from parapod.systems.hardware.buses.lcm import USUAL, LcmBus, local
+from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.part import BusPart
+from parapod.systems.hardware.device import DeviceError, DeviceFault
+from tests.systems.hardware.buses.conftest import until
+
+LAYOUT = Layout({"position": 2})
+
+
+@pytest.fixture
+def buses(lcm_url):
+    both = LcmBus(lcm_url), LcmBus(lcm_url)
+    yield both
+    for bus in both:
+        bus.close()
+
+
+def test_drake_reads_what_is_published_and_is_read(lcm_url, buses):
+    ours, _ = buses
+    theirs, came = DrakeLcm(lcm_url), []
+    theirs.Subscribe("LEGS_STATUS", lambda data: came.append(lcmt_drake_signal.decode(data)))
+
+    def heard():
+        ours.publish("LEGS_STATUS", Message(LAYOUT.names, (1.5, -2.5), 12.25))
+        theirs.HandleSubscriptions(10)
+        return came
+
+    until(heard)
+    assert came[0].coord == list(LAYOUT.names)
+    assert list(came[0].val) == [1.5, -2.5]
+    assert came[0].timestamp == 12_250_000
+    inbox = Inbox("LEGS_COMMAND", LAYOUT, math.inf, 1.0)
+    ours.subscribe(inbox)
+    signal = lcmt_drake_signal()
+    signal.dim, signal.coord, signal.val = 2, list(LAYOUT.names), [3.0, 4.0]
+    signal.timestamp = 5_000_000
+
+    def answered():
+        theirs.Publish("LEGS_COMMAND", signal.encode())
+        time.sleep(5e-3)
+        return inbox.newest
+
+    until(answered)
+    assert inbox.newest.signals == {"position": (3.0, 4.0)}
+    assert inbox.newest.message.stamp == 5.0
+
+
+def test_a_message_of_another_type_is_named(buses, lcm_url):
+    ours, _ = buses
+    inbox = Inbox("LEGS_COMMAND", LAYOUT, math.inf, 60.0)
+    ours.subscribe(inbox)
+    theirs = DrakeLcm(lcm_url)
+
+    def refused():
+        theirs.Publish("LEGS_COMMAND", lcmt_scope().encode())
+        time.sleep(5e-3)
+        return inbox.problem(time.monotonic()).fault is DeviceFault.CORRUPT
+
+    until(refused)
+    words = inbox.problem(time.monotonic()).words
+    assert "is not of the type lcmt_drake_signal" in words
+
+
+def test_channels_are_those_of_others(buses):
+    ours, theirs = buses
+
+    def seen():
+        ours.publish("MINE", Message((), (), 1.0))
+        theirs.publish("YOURS", Message((), (), 1.0))
+        time.sleep(5e-3)
+        return ours.channels()
+
+    until(seen)
+    assert "YOURS" in ours.channels()
+    assert "MINE" not in ours.channels()
+
+
+def test_a_part_that_nobody_serves_says_what_there_is(buses, lcm_url):
+    _, theirs = buses
+    part = BusPart("legs", lambda: LcmBus(lcm_url), {"position": 2}, {}, patience=1.0)
+    opened = []
+
+    def bus():
+        opened.append(LcmBus(lcm_url))
+        until(lambda: theirs.publish("ARM_STATUS", Message((), (), 1.0)) or opened[0].channels())
+        return opened[0]
+
+    part = BusPart("legs", bus, {"position": 2}, {}, patience=0.1)
+    with pytest.raises(DeviceError) as caught:
+        part.configure()
+    assert caught.value.fault is DeviceFault.UNPLUGGED
+    assert f"no message on LEGS_STATUS in 0.1 s; LCM {lcm_url} has " in str(caught.value)
+    assert "ARM_STATUS" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "url"),
+    [
+        ("", USUAL),
+        ("udpm://239.255.76.67:7667", "udpm://239.255.76.67:7667?ttl=0"),
+        (
+            "udpm://239.255.76.67:7667?recv_buf_size=1",
+            "udpm://239.255.76.67:7667?recv_buf_size=1&ttl=0",
+        ),
+        ("udpm://239.255.76.67:7667?ttl=1", "udpm://239.255.76.67:7667?ttl=1"),
+        ("memq://", "memq://"),
+    ],
+)
+def test_messages_stay_on_this_computer_unless_they_are_sent_farther(given, url):
+    assert local(given) == url
+
+
+def test_addresses_tell_the_bus_the_place_and_the_suffix():
+    assert address_of("lcm", "bus") == ("lcm", "", "")
+    assert address_of("lcm://#_LEFT", "bus") == ("lcm", "", "_LEFT")
+    text = "lcm://239.255.76.67:7000?ttl=1#_2"
+    assert address_of(text, "bus") == ("lcm", "239.255.76.67:7000?ttl=1", "_2")
+    assert is_address("lcm://")
+    assert not is_address("my_file.py:make")
+    with pytest.raises(ScenarioError, match="bus = 'ros1://' must begin with lcm"):
+        address_of("ros1://", "bus")
+
+
+def test_an_address_that_lcm_does_not_take_is_refused_in_a_line():
+    with pytest.raises(
+        DeviceError, match="'nothing://' must begin with udpm:, memq:, tcpq:, mpudpm:"
+    ) as caught:
+        LcmBus("nothing://")
+    assert "\n" not in str(caught.value)
