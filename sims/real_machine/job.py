@@ -281,16 +281,20 @@ def logged(
         yield lambda t: log.write(t, [read() for read in signals.values()])
 
 
-def show_timing(timing: Timing, station: Station[Any], console: Console) -> None:
-    """Says how punctual the loop was and how old measurements were when they had an effect."""
+def punctuality_of(timing: Timing) -> str:
+    """Line that tells how punctual a loop was."""
     late, cost = percentiles(timing.late), percentiles(timing.cost)
     tick_count = len(timing.cost)
     newest = f" of the last {tick_count}" if tick_count < timing.ticks else ""
-    lines = [
+    return (
         f"{timing.ticks} ticks of {1e3 * timing.period:g} ms, {timing.missed} missed; "
         f"late {_ms(late)}, cost {_ms(cost)} ms (median, 99 %, largest{newest})"
-        f"{_unprivileged(timing)}"
-    ]
+    )
+
+
+def show_timing(timing: Timing, station: Station[Any], console: Console) -> None:
+    """Says how punctual the loop was and how old measurements were when they had an effect."""
+    lines = [f"{punctuality_of(timing)}{_unprivileged(timing)}"]
     if timing.clock is not None:
         physics, controllers = timing.waited
         lines.append(

@@ -11,7 +11,7 @@ from parapod.diagrams.bus_controller import bus_controller
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import Machine
 from parapod.sims.output.options import RunOptions
-from parapod.sims.real_machine.job import logged, run_on_hardware
+from parapod.sims.real_machine.job import logged, punctuality_of, run_on_hardware
 from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, undisturbed
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.buses.controller import BusController, Sizes
@@ -80,7 +80,11 @@ def serve(
 
         with undisturbed(()):
             running = RealTimeLoop(simulator, period, on_tick, is_strict=False, patience=_PATIENCE)
-            running.run(until)
+            try:
+                running.run(until)
+            finally:
+                if running.timing.ticks:
+                    say(punctuality_of(running.timing))
         return running.timing
 
 

@@ -1,9 +1,9 @@
 """LCM by Drake's own client: a message of a part is one `lcmt_drake_signal`."""
 
+import struct
 import threading
 from collections.abc import Sequence
-from functools import partial
-from typing import Any
+from functools import cache, lru_cache, partial
 
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.buses.bus import Bus, Inbox
@@ -66,12 +66,10 @@ class LcmBus(Bus):
 
     def publish(self, channel: str, message: Message) -> None:
         """See `Bus`."""
-        signal = _message_type()()
-        signal.dim, signal.timestamp = len(message.values), round(1e6 * message.stamp)
-        signal.val, signal.coord = list(message.values), list(message.names)
         self._own.add(channel)
+        data = encoded(message)
         with self._lock:
-            self._sending.Publish(channel, signal.encode())
+            self._sending.Publish(channel, data)
 
     def subscribe(self, inbox: Inbox) -> None:
         """See `Bus`."""
@@ -102,22 +100,70 @@ class LcmBus(Bus):
         """Gives what has come to the inboxes; must not raise."""
         now, inboxes = monotonic(), self._inboxes[channel]
         try:
-            signal = _message_type().decode(data)
-        except Exception:
+            message = decoded(data)
+        except (ValueError, struct.error):
             for inbox in inboxes:
                 words = f"a message of {len(data)} bytes is not of the type lcmt_drake_signal"
                 inbox.refuse(words, now)
             return
-        message = Message(signal.coord, signal.val, 1e-6 * signal.timestamp)
         for inbox in inboxes:
             inbox.take(message, now)
 
 
-def _message_type() -> Any:
-    """Drake's type of a message."""
+def encoded(message: Message) -> bytes:
+    """A message as `lcmt_drake_signal`; Drake's own way takes ten times as long."""
+    count = len(message.values)
+    if len(message.names) != count:
+        raise ValueError(f"{len(message.names)} names for {count} values")
+    numbers = struct.pack(f">i{count}d", count, *message.values)
+    stamp = struct.pack(">q", round(1e6 * message.stamp))
+    return b"".join((_fingerprint(), numbers, _packed(tuple(message.names)), stamp))
+
+
+def decoded(data: bytes) -> Message:
+    """The message in an `lcmt_drake_signal`.
+
+    Raises:
+        ValueError: data of another type.
+        struct.error: data that end too early.
+    """
+    if data[:8] != _fingerprint():
+        raise ValueError("data of another type")
+    (count,) = struct.unpack_from(">i", data, 8)
+    values = struct.unpack_from(f">{count}d", data, 12)
+    names = _unpacked(data[12 + 8 * count : -8], count)
+    (microseconds,) = struct.unpack_from(">q", data, len(data) - 8)
+    return Message(names, values, 1e-6 * microseconds)
+
+
+@cache
+def _fingerprint() -> bytes:
+    """Beginning of all messages of Drake's type."""
     from drake import lcmt_drake_signal  # type: ignore[import-untyped]
 
-    return lcmt_drake_signal
+    fingerprint: bytes = lcmt_drake_signal._get_packed_fingerprint()
+    return fingerprint
+
+
+@lru_cache(maxsize=256)
+def _packed(names: tuple[str, ...]) -> bytes:
+    texts = [name.encode() + b"\0" for name in names]
+    return b"".join(struct.pack(">i", len(text)) + text for text in texts)
+
+
+@lru_cache(maxsize=256)
+def _unpacked(data: bytes, count: int) -> tuple[str, ...]:
+    names, at = [], 0
+    for _ in range(count):
+        (size,) = struct.unpack_from(">i", data, at)
+        text = data[at + 4 : at + 4 + size]
+        if len(text) != size or text[-1:] != b"\0":
+            raise ValueError("a name ends too early")
+        names.append(text[:-1].decode())
+        at += 4 + size
+    if at != len(data):
+        raise ValueError("there is more than the names")
+    return tuple(names)
 
 
 def local(url: str) -> str:

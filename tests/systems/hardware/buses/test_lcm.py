@@ -1,6 +1,7 @@
 """LCM between two connections: messages, channels, other types, addresses."""
 
 import math
+import struct
 import time
 
 import pytest
@@ -10,7 +11,7 @@ from pydrake.lcm import DrakeLcm
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.buses.address import address_of, is_address
 from parapod.systems.hardware.buses.bus import Inbox
-from parapod.systems.hardware.buses.lcm import USUAL, LcmBus, local
+from parapod.systems.hardware.buses.lcm import USUAL, LcmBus, decoded, encoded, local
 from parapod.systems.hardware.buses.message import Layout, Message
 from parapod.systems.hardware.buses.part import BusPart
 from parapod.systems.hardware.device import DeviceError, DeviceFault
@@ -55,6 +56,30 @@ def test_drake_reads_what_is_published_and_is_read(lcm_url, buses):
     until(answered)
     assert inbox.newest.signals == {"position": (3.0, 4.0)}
     assert inbox.newest.message.stamp == 5.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_messages_are_drakes_to_the_last_byte(count):
+    message = Message(
+        tuple(f"größe[{i}]" for i in range(count)), tuple(0.1 * i for i in range(count)), 12.25
+    )
+    signal = lcmt_drake_signal()
+    signal.dim, signal.timestamp = count, 12_250_000
+    signal.val, signal.coord = list(message.values), list(message.names)
+    assert encoded(message) == signal.encode()
+    assert decoded(signal.encode()) == message
+
+
+def test_data_that_is_no_message_is_refused_wherever_it_is_damaged():
+    data = encoded(Message(("position[0]", "brake"), (1.0, 0.0), 2.0))
+    for end in range(len(data)):
+        with pytest.raises((ValueError, struct.error)):
+            decoded(data[:end])
+    for at in (*range(8), 11, 31, 47):  # type, number of values, lengths of names
+        damaged = bytearray(data)
+        damaged[at] ^= 0x15
+        with pytest.raises((ValueError, struct.error)):
+            decoded(bytes(damaged))
 
 
 def test_a_message_of_another_type_is_named(buses, lcm_url):
