@@ -17,6 +17,7 @@
     parapod.linearised(system, context, ["u"], ["y"])  # A, B, C, D, where it has them
     parapod.Mechanism.load("robot.urdf")  # any closed-loop mechanism, posed numerically
     parapod.Alone(system, {"voltage": 3.0})  # one component in a diagram that can be simulated
+    parapod.IoThread(read=bus.read, size=3)  # calls that block, in a thread beside a loop
 
 `parapod list` names the experiments, `parapod.experiments()` too. A package with a machine or an
 experiment of its own finds what it needs here as well (`Machine`, `In`, `Out`, `Experiment`, ...).
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from parapod.diagrams.closed_loop import ClosedLoop
     from parapod.diagrams.faults import FaultScenario
     from parapod.diagrams.homing import Homing
+    from parapod.diagrams.io_thread import IoThread
     from parapod.diagrams.linear import linearised
     from parapod.diagrams.machine import (
         ControlScenario,
@@ -102,6 +104,7 @@ _HOMES = {
     "diagrams.closed_loop": ("ClosedLoop",),
     "diagrams.faults": ("FaultScenario",),
     "diagrams.homing": ("Homing",),
+    "diagrams.io_thread": ("IoThread",),
     "diagrams.linear": ("linearised",),
     "diagrams.machine": (
         "ControlScenario",
@@ -187,6 +190,7 @@ __all__ = [
     "Homing",
     "In",
     "Inner",
+    "IoThread",
     "LeafSystem",
     "LinearActuator",
     "LinearActuatorParams",

@@ -126,6 +126,13 @@ def test_the_stamp_is_from_before_the_reading(running, fake, until):
     assert time.monotonic() - thread.sample.stamp >= device.stall
 
 
+def test_a_device_may_say_when_its_values_were_measured(running, fake):
+    device = fake()
+    device.stamp = monotonic() - 0.25
+    thread = running(device)
+    assert thread.sample.stamp == device.stamp
+
+
 def test_a_command_is_written_at_once_and_once(running, until, judge):
     thread = running(period=10.0)  # nothing else wakes it up
     with judge() as judged:
