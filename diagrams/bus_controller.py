@@ -9,8 +9,9 @@ from parapod.diagrams.wiring import outputs_of
 from parapod.systems.hardware.buses.address import address_of
 from parapod.systems.hardware.buses.controller import BusController
 
-# Longest wait for commands at an instant of a simulation, before its parts are neutral [s].
-PATIENCE = 0.1
+# Longest wait for commands at an instant of a simulation, before its parts are neutral [s]: a
+# simulation waits for a controller on a busy computer.
+PATIENCE = 2.0
 
 
 def bus_controller(

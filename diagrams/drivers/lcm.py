@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated
@@ -73,3 +73,13 @@ class LcmPart(Driver):
             suffix=address.suffix,
             rate=self.rate_Hz,
         )
+
+
+def parts_on_lcm(machine: Any) -> list[Driver]:
+    """Drivers of all parts of a machine, each behind LCM.
+
+    Args:
+        machine: a `Machine`, as its scenario has it.
+    """
+    parts = dict.fromkeys(port.part for port in (*machine.inputs, *machine.measured))
+    return [LcmPart(part=part) for part in parts]

@@ -32,6 +32,7 @@ EXAMPLES = (
     "parapod emulate level, and in another terminal: parapod run level --backend hardware",
     "parapod emulate level --backend kinematic --fault '12 imu garbage'",
     "parapod emulate chair-walk --log emulated.mcap",
+    "parapod emulate level --backend kinematic --lcm",
 )
 
 
@@ -52,6 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="emulated seconds in one of the computer's, up to 1; without it, as fast as this "
         "computer is found to follow, in a time that waits for programs that are late; 1: by the "
         "computer's own clock, as beside real devices",
+    )
+    parser.add_argument(
+        "--lcm",
+        action="store_true",
+        help="serve all parts on LCM, in place of the scenario's devices",
     )
     parser.add_argument(
         "--for", dest="duration", type=float, metavar="S", help="end after this number of seconds"
@@ -99,6 +105,14 @@ def execute(arguments: argparse.Namespace) -> int:
     experiment, scenario = load(arguments)
     machine, scenario = machine_of(experiment, scenario)
 
+    settings = list(experiment.on_devices)
+    if arguments.lcm:
+        from parapod.diagrams.drivers.lcm import parts_on_lcm
+
+        scenario.hardware.drivers = parts_on_lcm(machine.for_scenario(scenario))
+        tags = ", ".join(f"!LcmPart {{part: {one.part}}}" for one in scenario.hardware.drivers)
+        settings.append(f"hardware.drivers=[{tags}]")
+
     from parapod.sims.real_machine.disturbances import disturbable, parsed_fault
     from parapod.sims.real_machine.emulator import emulate
     from parapod.systems.hardware.signals import ended_by_signals, ended_with_parent
@@ -112,7 +126,7 @@ def execute(arguments: argparse.Namespace) -> int:
             emulate(
                 *(machine, scenario, requests, duration, arguments.log),
                 experiment=arguments.name,
-                options=_repeated(arguments, experiment.on_devices),
+                options=_repeated(arguments, settings),
                 rate=arguments.rate,
             )
     except KeyboardInterrupt:

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from parapod.diagrams.closed_loop import ClosedLoop
+from parapod.diagrams.devices import Parts
+from parapod.diagrams.drivers.lcm import parts_on_lcm
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.machine import list_machines
+from parapod.diagrams.station import Station
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.scenario_file import load_scenario
 from tests.systems.hardware.buses.conftest import lcm_url, until  # noqa: F401
@@ -108,3 +111,18 @@ def test_every_machine_may_have_its_controller_on_a_bus(machine):
 
 def _outputs(system):
     return [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+
+
+@pytest.mark.parametrize("machine", list_machines(), ids=lambda machine: machine.name)
+def test_every_machine_may_have_all_of_its_parts_on_a_bus(machine):
+    scenario = machine.scenario()
+    scenario.backend = "hardware"
+    scenario.hardware.drivers = parts_on_lcm(machine.for_scenario(scenario))
+    station = Station(machine, scenario)
+    threads = station.behind.handle_as(Parts).all_threads
+    commanded = {
+        f"{d.part}.{n}"
+        for d, t in zip(scenario.hardware.drivers, threads, strict=True)
+        for n in t.device.commands
+    }
+    assert commanded == {port.name for port in machine.for_scenario(scenario).inputs}

@@ -44,7 +44,8 @@ class BusController(LeafSystem):
     record them; until then they are NaN.
 
     With `patience` every instant waits for commands that were sent after its measurements, so that
-    a simulation goes on as fast as the controller answers; without, the newest commands count.
+    a simulation goes on as fast as the controller answers; without, the newest commands count. A
+    controller that has been waited for in vain is not waited for again before it answers.
 
     State: discrete, every output's value, in a periodic unrestricted update. The bus is opened at
     the first instant, and kept beside the Context.
@@ -78,7 +79,8 @@ class BusController(LeafSystem):
             period: period of the controller [s].
             suffix: end of the channels' names, of one machine of several.
             timeout: age from which commands are too old [s].
-            patience: longest wait for commands at an instant [s]; 0: none.
+            patience: longest wait for commands at an instant, and age from which they are too
+                old where that is longer [s]; 0: none.
         """
         super().__init__()
         self.set_name("bus_controller")
@@ -88,7 +90,7 @@ class BusController(LeafSystem):
             return ServedStation(
                 *(open_bus(), measures, commands, idle, job or {}, signals or {}),
                 suffix=suffix,
-                timeout=timeout,
+                timeout=max(timeout, patience),
             )
 
         self._connect = connect
@@ -181,7 +183,7 @@ class ServedStation:
         }
         for inbox in self._signals.values():
             bus.subscribe(inbox)
-        self._has_heard = False
+        self._has_heard = self._is_silent = False
 
     @property
     def published(self) -> dict[str, Sizes]:
@@ -226,13 +228,16 @@ class ServedStation:
             ParapodError: there have never been any.
         """
         inboxes, since = [part.inbox for part in self.parts], self._published
+        if self._is_silent:
+            patience = _PAUSE
         end = since + (patience if self._has_heard else _BEGINNING)
         while monotonic() < end:
             newest = [inbox.newest for inbox in inboxes if inbox.newest is not None]
             if newest and all(each.arrived >= since for each in newest):
-                self._has_heard = True
+                self._has_heard, self._is_silent = True, False
                 return
             sleep(_PAUSE)
+        self._is_silent = True
         if not self._has_heard:
             there = ", ".join(self.bus.channels()) or "no channel"
             wrong = [p.words for p in (i.problem(monotonic()) for i in inboxes if i.sizes) if p]

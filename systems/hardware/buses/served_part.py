@@ -8,8 +8,8 @@ from parapod.systems.hardware.buses.message import Layout, Message, is_active
 from parapod.systems.hardware.buses.part import channels_of
 from parapod.systems.hardware.device import Signals
 
-# A controller that has been silent for so long has given the part up [s].
-_GIVEN_UP = 1.0
+# A controller that has been silent for so many times as long as it may be has given the part up.
+_GIVEN_UP = 10.0
 
 
 class ServedPart:
@@ -17,8 +17,8 @@ class ServedPart:
 
     Its status has what is measured, and after it what is commanded, by the names of its signals.
     Commands that do not come in time, or that are wrong, make the part neutral, and it stays so
-    until its sender has given it up: by a message that is not `active`, or by silence for a
-    second.
+    until its sender has given it up: by a message that is not `active`, or by silence ten times as
+    long as it may be.
 
     Attributes:
         part: name of the part.
@@ -57,6 +57,7 @@ class ServedPart:
         self.sizes = self._layout.sizes
         self._idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
         self.inbox = Inbox(command, Layout(commands), math.inf, timeout)
+        self._given_up = _GIVEN_UP * timeout
         self.latched: Problem | None = None
         self.is_neutral, self._has_begun = True, False
         if commands:
@@ -82,7 +83,7 @@ class ServedPart:
         self.is_neutral = True
         if newest is None:
             return self._idle
-        if not is_active(newest.message) or now - newest.arrived > _GIVEN_UP:
+        if not is_active(newest.message) or now - newest.arrived > self._given_up:
             self.latched, self._has_begun = None, False
             return self._idle
         if problem is not None and self._has_begun:
