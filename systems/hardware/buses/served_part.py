@@ -8,7 +8,7 @@ from parapod.systems.hardware.buses.message import Layout, Message, is_active
 from parapod.systems.hardware.buses.part import channels_of
 from parapod.systems.hardware.device import Signals
 
-# A controller that has been silent for so many times as long as it may be has given the part up.
+# Silence of a controller that has given the part up, by the longest admissible one [-].
 _GIVEN_UP = 10.0
 
 
