@@ -302,7 +302,11 @@ def ports_of(disturbances: Sequence[Disturbance], feet: int) -> tuple[Port, ...]
         ports.append(Truth("push_force", size, "N", force, elements=names))
         ports.append(Truth("push_moment", size, "N m", moment, elements=names))
     if any(isinstance(each, Subsidence) for each in disturbances):
-        ports.append(Truth("ground_rise", feet, "m", "rise of the ground under each foot"))
+        rise, each_foot = (
+            "rise of the ground under each foot",
+            [f"foot {i + 1}" for i in range(feet)],
+        )
+        ports.append(Truth("ground_rise", feet, "m", rise, elements=each_foot))
     return tuple(ports)
 
 
