@@ -99,7 +99,7 @@ class Machine[S]:
             over from another scenario; nothing that differs in these alone is built again.
         disturbances: kinds of disturbances that act on it, by simulated backends; a scenario
             without the key `disturbances` has none.
-        feet: number of its feet whose ground may give way; 0: there are none.
+        feet: number of feet under which ground may give way; 0 for a machine without.
         over_rows: backends whose plants have laws over rows, with the number of runs that are
             simulated together unless another one is asked for: more are no faster.
         variant: attributes that depend on the scenario, by their names; what is declared here is
@@ -187,10 +187,12 @@ class Machine[S]:
         if not name:
             return usual(scenario)
         if is_address(name):
-            from parapod.diagrams.bus_controller import bus_controller
+            from parapod.diagrams.bus_controller import PATIENCE, bus_controller
 
-            own = usual(self.scenario())
-            return bus_controller(self, settings.control.period, name, OWN, own, sources)
+            own, period = usual(self.scenario()), settings.control.period
+            # The loop of a real machine never waits: old commands leave it neutral in time.
+            patience = 0.0 if settings.backend == "hardware" else PATIENCE
+            return bus_controller(self, period, name, OWN, own, sources, patience)
         read = {port.name for port in self.inputs}.union(*map(inputs_of, sources))
         # Of the default scenario: limits of its settings are not those of another controller.
         outputs = [output for output in outputs_of(usual(self.scenario())) if output in read]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
@@ -126,3 +127,26 @@ def test_every_machine_may_have_all_of_its_parts_on_a_bus(machine):
         for n in t.device.commands
     }
     assert commanded == {port.name for port in machine.for_scenario(scenario).inputs}
+
+
+@pytest.mark.parametrize("backend", ["hardware", "kinematic"])
+def test_a_real_machine_waits_for_no_controller(lcm_url, backend):  # noqa: F811
+    address = f"lcm://{lcm_url.removeprefix('udpm://')}"
+    overrides = (f"control.controller={address}", f"backend={backend}")
+    scenario = load_scenario(PLATFORM.scenario, overrides=overrides)
+    controller = PLATFORM.for_scenario(scenario).controller_of(scenario)
+    context = controller.CreateDefaultContext()
+    for i in range(controller.num_input_ports()):
+        port = controller.get_input_port(i)
+        port.FixValue(context, np.zeros(port.size()))
+    simulator = Simulator(controller, context)
+    if backend == "hardware":
+        simulator.AdvanceTo(0.05)
+        output = controller.GetOutputPort("wheels.brake").Eval(simulator.get_context())
+        np.testing.assert_array_equal(output, 1.0)
+        # Of legs, wheels and arm; the inertial sensor takes no commands.
+        assert controller.GetOutputPort("neutral").Eval(simulator.get_context()) == 3.0
+    else:
+        with pytest.raises(ParapodError, match="no commands in 2 s"):
+            simulator.AdvanceTo(0.05)
+    controller.close()

@@ -208,10 +208,8 @@ class ServedStation:
         self._published = monotonic()
         for part in self.parts:
             part.publish(_within(part.part, values), time)
-        counts = {
-            "neutral": (float(sum(part.is_neutral for part in self.parts)),),
-            "latched": (float(sum(part.latched is not None for part in self.parts)),),
-        }
+        latched = sum(part.latched is not None for part in self.parts)
+        counts = {"neutral": self._neutral, "latched": (float(latched),)}
         devices = {name: values[f"{_DEVICES}{name}"] for name in self._devices}
         for channel, layout in self._others.items():
             if layout.names:
@@ -255,8 +253,12 @@ class ServedStation:
         for name, inbox in self._signals.items():
             if inbox.newest is not None:
                 outputs[name] = inbox.newest.signals[name]
-        silent = sum(p.is_neutral for p in self.parts if p.inbox.sizes)
-        return outputs | {"neutral": (float(silent),)}
+        return outputs | {"neutral": self._neutral}
+
+    @property
+    def _neutral(self) -> tuple[float]:
+        """Number of parts that are neutral, of those that take commands."""
+        return (float(sum(part.is_neutral for part in self.parts if part.inbox.sizes)),)
 
 
 def _within[V](part: str, named: Mapping[str, V]) -> dict[str, V]:

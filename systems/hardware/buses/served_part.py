@@ -74,7 +74,7 @@ class ServedPart:
         self._bus.publish(self.status, Message(self._layout.names, values, stamp))
 
     def commands(self, now: float) -> Signals:
-        """The newest commands; those of a neutral part if there are none that count.
+        """The newest commands, or those of a neutral part where none count.
 
         Args:
             now: time of devices [s].
