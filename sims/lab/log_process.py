@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from parapod.sims.output.companion import PIECE, read_beginning
-from parapod.sims.output.logs.live import FLUSH_PERIOD, HEAD, READY, parts
+from parapod.sims.output.logs.live import FLUSH_PERIOD, HEAD, READY
 from parapod.sims.output.logs.mcap import McapWriter, Message, Picture
 from parapod.systems.core.errors import ParapodError
 
@@ -31,7 +31,7 @@ def _write_all() -> None:
         return draw_log(described["metadata"], shapes, pictures)
 
     with open(described["path"], "wb") as stream:
-        writer = McapWriter(stream, described["units"], described["metadata"], draw)
+        writer = McapWriter(stream, described["units"], sizes, described["metadata"])
         stream.flush()
         os.write(sys.stdout.fileno(), READY)
         flushed = time.monotonic()
@@ -43,12 +43,13 @@ def _write_all() -> None:
             whole = len(rest) - len(rest) % length
             for begin in range(0, whole, length):
                 row = np.frombuffer(rest, count=length // 8, offset=begin)
-                values = [part.tolist() for part in parts(row, sizes)]
-                writer.write(int(row.view(np.int64)[0]), float(row[1]), values)
+                writer.write(int(row.view(np.int64)[0]), float(row[1]), row[HEAD:])
             rest = rest[whole:]
             if time.monotonic() - flushed >= FLUSH_PERIOD:
                 stream.flush()
                 flushed = time.monotonic()
+        for message in writer.drawing(draw):
+            writer.add(message)
         writer.finish()
 
 

@@ -23,6 +23,7 @@ EXTRAS = {
     "pygraphviz": "draw",
     "serial": "serial",
     "plotly": "replay",
+    "rosbags": "log",
     "spidev": "spi",
 }
 

@@ -11,7 +11,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -68,10 +68,11 @@ class LiveLog:
 
         Raises:
             OutputError: the file cannot be written.
-            MissingExtra: mcap is not installed.
+            MissingExtra: mcap or rosbags is not installed.
         """
         check_writable(path)
         need("mcap.writer")
+        need("rosbags.typesys")
         self.lost = 0
         self.process: int | None = None
         self._path, self._tell = path, tell
@@ -79,7 +80,7 @@ class LiveLog:
         self._beginning = json.dumps(described | {"metadata": dict(metadata)})
         self._row = np.zeros(HEAD + sum(sizes))
         self._stamp = self._row.view(np.int64)
-        self._places = list(parts(self._row, sizes))
+        self._places = np.split(self._row[HEAD:], np.cumsum(sizes))[:-1]
         self._rest, self._wrong = b"", ""
         self._is_broken = False  # the process has ended before the log
 
@@ -163,11 +164,3 @@ class LiveLog:
         """Tells what goes wrong in the process while it writes."""
         for line in self._companion.lines():
             self._fail(line.decode(errors="replace").strip())
-
-
-def parts(row: Any, sizes: Sequence[int]) -> Iterator[Any]:
-    """The places of each port's numbers in a row."""
-    end = HEAD
-    for size in sizes:
-        begin, end = end, end + size
-        yield row[begin:end]

@@ -1,7 +1,7 @@
-"""Logs in MCAP files, one topic for each port."""
+"""Logs in MCAP files, one topic for each part, as ROS 2 has them."""
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from parapod.sims.output.atomic import atomic_output
+from parapod.sims.output.logs.part_messages import ENCODING, SCHEMA_ENCODING, part_messages
 from parapod.sims.output.logs.thinning import Snapshots
 from parapod.systems.core.extras import need
 
@@ -19,7 +20,7 @@ type Picture = tuple[int, float, Mapping[str, NDArray[Any]]]
 type Draw = Callable[[Mapping[str, tuple[int, ...]], Sequence[Picture]], Iterable[Message]]
 
 # Pictures of the machine: ten a second of some minutes.
-_PICTURES = 1500
+PICTURES = 1500
 
 
 class Schema(NamedTuple):
@@ -47,114 +48,100 @@ class Message:
     data: bytes
 
 
-def _schema(name: str, unit: str) -> bytes:
-    """JSON schema of the messages of a port."""
-    schema = {
-        "title": f"parapod.{name}",
-        "type": "object",
-        "properties": {
-            "t": {"type": "number", "description": "time of the loop [s]"},
-            "value": {
-                "type": "array",
-                "description": f"{name} [{unit}]",
-                "items": {"type": ["number", "null"]},
-            },
-        },
-        "required": ["t", "value"],
-    }
-    return json.dumps(schema, ensure_ascii=False).encode()
-
-
 class McapWriter:
     """Writes samples into a stream, readable up to wherever it ends.
 
-    Each message is `{"t": time, "value": [...]}` in JSON, which Foxglove and every other reader of
-    MCAP shows; a number that is not finite is null. There are no chunks: a file that ends in the
-    middle can be read up to there (`read_log`, or `mcap recover`).
-
-    Behind the last sample the machine is drawn for Foxglove.
+    Each part has one message a time (see `PartMessage`), which tools of ROS 2 read, Foxglove and
+    PlotJuggler. There are no chunks: a file that ends in the middle can be read up to there
+    (`read_log`, or `mcap recover`).
     """
 
     def __init__(
         self,
         stream: IO[bytes],
         units: Mapping[str, str],
+        sizes: Sequence[int],
         metadata: Mapping[str, str],
-        draw: Draw | None = None,
     ):
         """Writes what comes before the first sample.
 
         Args:
             stream: open for writing.
             units: units of each port, in the order in which `write` is given them.
+            sizes: number of elements of each of them.
             metadata: data about the run.
-            draw: draws the machine; None: it is not drawn.
 
         Raises:
-            MissingExtra: mcap is not installed.
+            MissingExtra: mcap or rosbags is not installed.
         """
-        self._stream, self._names, self._drawing = stream, [*units], draw
+        self._stream, self._names, self._ends = stream, [*units], np.cumsum(sizes)
         self._writer = need("mcap.writer").Writer(stream, use_chunking=False)
-        self._writer.start(profile="", library="parapod")
+        self._writer.start(profile="ros2", library="parapod")
         self._writer.add_metadata("parapod", dict(metadata))
-        self._channels = []
-        for name, unit in units.items():
-            schema = self._writer.register_schema(
-                f"parapod.{name}", "jsonschema", _schema(name, unit)
-            )
-            channel = self._writer.register_channel(name, "json", schema, {"unit": unit})
-            self._channels.append(channel)
+        self._channels: dict[str, int] = {}
+        self._parts = []  # with their channels and the places of their numbers in a row
+        places = np.split(np.arange(sum(sizes)), self._ends)
+        for part in part_messages(units, sizes):
+            schema = Schema(part.kind, SCHEMA_ENCODING, part.definition.encode())
+            channel = self._register(part.topic, schema, part.metadata)
+            row = np.concatenate([places[each.place] for each in part.signals])
+            self._parts.append((part, channel, row))
         self._count = 0
-        self._pictures: Snapshots[tuple[int, float, Sequence[Sequence[float]]]] = Snapshots(
-            _PICTURES
-        )
+        self._pictures: Snapshots[tuple[int, float, NDArray[np.float64]]] = Snapshots(PICTURES)
 
-    def write(self, stamp: int, t: float, values: Sequence[Sequence[float]]) -> None:
+    def _register(self, topic: str, schema: Schema, metadata: Mapping[str, str]) -> int:
+        """Number of the channel of a topic."""
+        if topic not in self._channels:
+            number = self._writer.register_schema(*schema)
+            encoding = ENCODING if schema.encoding == SCHEMA_ENCODING else schema.encoding
+            self._channels[topic] = self._writer.register_channel(
+                topic, encoding, number, dict(metadata)
+            )
+        return self._channels[topic]
+
+    def write(self, stamp: int, t: float, row: NDArray[np.float64]) -> None:
         """Writes the values of all ports at one time.
 
         Args:
             stamp: stamp of the messages [ns].
             t: time of the loop [s].
-            values: numbers of each port.
+            row: numbers of all ports, one after the other.
         """
-        for channel, numbers in zip(self._channels, values, strict=True):
-            data = _encoded(t, numbers)
+        for part, channel, places in self._parts:
+            data = part.encoded(stamp, t, row[places])
             self._writer.add_message(channel, stamp, data, stamp, self._count)
-        self._pictures.take((stamp, t, values))
+        self._pictures.take((stamp, t, row.copy()))
         self._count += 1
 
-    def finish(self) -> None:
-        """Writes what comes after the last sample."""
+    def add(self, message: Message) -> None:
+        """Writes a message of a drawing."""
+        channel = self._register(message.topic, message.schema, {})
+        self._writer.add_message(channel, message.stamp, message.data, message.stamp)
+
+    def drawing(
+        self, draw: Draw, pictures: Sequence[tuple[int, float, NDArray[np.float64]]] | None = None
+    ) -> Iterator[Message]:
+        """Messages that draw the machine; where it cannot be drawn, the file says why.
+
+        Args:
+            draw: draws the machine.
+            pictures: stamp [ns], time [s] and numbers of all ports; None: of what was written.
+        """
         self._stream.flush()
+        chosen: list[Picture] = [
+            (stamp, t, dict(zip(self._names, np.split(row, self._ends[:-1]), strict=False)))
+            for stamp, t, row in (self._pictures.rows if pictures is None else pictures)
+        ]
+        if not chosen:
+            return
         try:
-            self._draw()
+            yield from draw({name: value.shape for name, value in chosen[0][2].items()}, chosen)
         except Exception as error:  # whatever a drawing meets, it must not cost the log
             self._writer.add_metadata("drawing", {"left_out": str(error)})
+
+    def finish(self) -> None:
+        """Writes the end of the file."""
         self._writer.finish()
-
-    def _draw(self) -> None:
-        """Draws the machine.
-
-        Raises:
-            ParapodError: the machine cannot be drawn.
-        """
-        pictures = [
-            (stamp, t, {n: np.array(v) for n, v in zip(self._names, values, strict=True)})
-            for stamp, t, values in self._pictures.rows
-        ]
-        if not pictures or self._drawing is None:
-            return
-        shapes = {name: value.shape for name, value in pictures[0][2].items()}
-        channels: dict[str, int] = {}
-        for number, message in enumerate(self._drawing(shapes, pictures)):
-            if message.topic not in channels:
-                schema = self._writer.register_schema(*message.schema)
-                channels[message.topic] = self._writer.register_channel(
-                    message.topic, message.schema.encoding, schema, {}
-                )
-            self._writer.add_message(
-                channels[message.topic], message.stamp, message.data, message.stamp, number
-            )
 
 
 def write_mcap(
@@ -170,29 +157,30 @@ def write_mcap(
     Args:
         path: the file.
         times: (n) [s].
-        signals: port name -> (n, ...) samples; each becomes a list of numbers.
+        signals: port name -> (n, ...) samples; those at one time become a list of numbers.
         units: port name -> unit.
         metadata: data about the run.
         draw: draws the machine; None: it is not drawn.
 
     Raises:
         OutputError: the file cannot be written.
-        MissingExtra: mcap is not installed.
+        MissingExtra: mcap or rosbags is not installed.
     """
-    times = np.asarray(times, dtype=float)
+    instants = np.asarray(times, dtype=float).tolist()
     arrays = [np.asarray(signals[name], dtype=float) for name in units]
-    rows = [array.reshape(len(times), -1) for array in arrays]
-    lists = [row.tolist() for row in rows]
+    columns = [array.reshape(len(instants), -1) for array in arrays]
+    rows = np.concatenate([np.empty((len(instants), 0)), *columns], axis=1)
+    stamped = [(round(1e9 * t), t, row) for t, row in zip(instants, rows, strict=True)]
+    pictures: Snapshots[tuple[int, float, NDArray[np.float64]]] = Snapshots(PICTURES)
+    for each in stamped:
+        pictures.take(each)
     with atomic_output(path) as temporary, open(temporary, "wb") as stream:
-        writer = McapWriter(stream, units, metadata, draw)
-        for k, t in enumerate(times.tolist()):
-            writer.write(round(1e9 * t), t, [each[k] for each in lists])
+        sizes = [column.shape[1] for column in columns]
+        writer = McapWriter(stream, units, sizes, metadata)
+        # In the order of time: `ros2 bag play` takes messages in the order of the file.
+        drawing = deque(writer.drawing(draw, pictures.rows) if draw is not None else ())
+        for stamp, t, row in stamped:
+            while drawing and drawing[0].stamp <= stamp:
+                writer.add(drawing.popleft())
+            writer.write(stamp, t, row)
         writer.finish()
-
-
-def _encoded(t: float, numbers: Sequence[float]) -> bytes:
-    try:
-        return json.dumps({"t": t, "value": numbers}, allow_nan=False).encode()
-    except ValueError:
-        finite_values = [x if x - x == 0.0 else None for x in numbers]
-        return json.dumps({"t": t, "value": finite_values}).encode()

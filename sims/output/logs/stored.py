@@ -6,7 +6,7 @@ import struct
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from parapod.sims.output.logs.part_messages import PartMessage, PartSignal
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
@@ -24,11 +25,7 @@ from parapod.systems.core.quoting import quoted_path
 # Rows that are in memory at once: a few MB of the widest logs.
 _PIECE = 1 << 14
 _ZIP = b"PK\x03\x04"
-# Of MCAP: bytes before the first record, kinds of records, and of each kind and length; of a
-# message its channel, and all that is before its data; and bytes that are read at once.
-_MAGIC, _MESSAGE, _CHUNK, _DATA_END = 8, 0x05, 0x06, 0x0F
-_RECORD, _CHANNEL, _HEAD = struct.Struct("<BQ"), struct.Struct("<H"), 22
-_BLOCK = 1 << 22
+_BLOCK = 1 << 20  # bytes of an MCAP file that are read at once
 # Stamps below this are times of a simulation [s]: as a date it is in 2001.
 WALL_CLOCKS = 1e9
 # Columns of a table's signal: its name, and where it has several elements the indices of one.
@@ -285,8 +282,34 @@ class TableLog(StoredLog):
             self.cut_at = last
 
 
+class PortMessages:
+    """Messages of one port in JSON, as older logs have them: `{"t": time, "value": [...]}`.
+
+    Attributes:
+        signals: the port's signal, whose size only the messages have.
+    """
+
+    def __init__(self, name: str, unit: str, place: int):
+        """Describes the messages.
+
+        Args:
+            name: name of the port.
+            unit: its unit.
+            place: its place among all ports of the log.
+        """
+        self.signals = (PartSignal(name, unit, 0, "value", place),)
+
+    def decoded(self, messages: Sequence[bytes]) -> Piece:
+        """Times (n) [s] of messages, and samples (n, size) by name; see `PartMessage`."""
+        contents = json.loads(b"[%s]" % b",".join(messages))
+        values = np.array([each["value"] for each in contents], dtype=float)
+        return np.array([each["t"] for each in contents], dtype=float), {
+            self.signals[0].name: values
+        }
+
+
 class McapLog(StoredLog):
-    """A log in an MCAP file, also one whose writer was killed; what was not finite is NaN.
+    """A log in an MCAP file, also one whose writer was killed.
 
     The metadata have, beside what the writer was given, the units and, under `wall_time`, the
     wall clock at the first sample [s]. Topics without signals, such as drawings, are left out.
@@ -294,34 +317,45 @@ class McapLog(StoredLog):
 
     def _describe(self) -> None:
         self.total = self.path.stat().st_size
-        self._topics: dict[int, str] = {}
-        units: dict[str, str] = {}
-        has_begun, missing = False, 1
+        self._channels: dict[int, PartMessage | PortMessages] = {}
+        kinds: dict[int, str] = {}
+        first: dict[int, Mapping[str, Floats]] = {}
+        has_begun = False
         for record in self._records():
             match type(record).__name__:
                 case "Header":
                     has_begun = True
-                case "Metadata":
+                case "Metadata" if record.name == "parapod":
                     self.metadata |= record.metadata
-                case "Channel" if "unit" in record.metadata:
-                    # Said again in the summary of a log that was ended in peace.
-                    self._topics[record.id] = record.topic
-                    units[record.topic] = record.metadata["unit"]
-                case "Message":
-                    topic = self._topics.get(record.channel_id)
-                    if topic is None or topic in self.shapes:
-                        continue
-                    message = json.loads(record.data)
-                    self._begin(1e-9 * record.log_time, message["t"])
-                    self.shapes[topic] = (len(message["value"]),)
-                    missing = len(self._topics) - len(self.shapes)
-                    if not missing:
+                case "Schema":
+                    kinds[record.id] = record.name
+                # Said again in the summary of a log that was ended in peace.
+                case "Channel" if record.id not in self._channels:
+                    if "signals" in record.metadata:
+                        self._channels[record.id] = PartMessage.from_metadata(
+                            record.topic, kinds[record.schema_id], record.metadata
+                        )
+                    elif "unit" in record.metadata:
+                        self._channels[record.id] = PortMessages(
+                            record.topic, record.metadata["unit"], len(self._channels)
+                        )
+                case "Message" if record.channel_id in self._channels.keys() - first.keys():
+                    times, samples = self._channels[record.channel_id].decoded([record.data])
+                    first[record.channel_id] = samples
+                    self._begin(1e-9 * record.log_time, float(times[0]))
+                    if len(first) == len(self._channels):
                         break
         if not has_begun:
             raise self._unreadable("it holds nothing of an MCAP file")
-        for topic in self._topics.values():  # of a log without a whole sample
-            self.shapes.setdefault(topic, (0,))
-        self.metadata["units"] = units
+        signals = sorted(
+            (signal for channel in self._channels.values() for signal in channel.signals),
+            key=lambda signal: signal.place,
+        )
+        shapes = {
+            name: each.shape[1:] for samples in first.values() for name, each in samples.items()
+        }
+        self.shapes = {each.name: shapes.get(each.name, (each.size,)) for each in signals}
+        self.metadata["units"] = {each.name: each.unit for each in signals}
 
     def _begin(self, stamp: float, time: float) -> None:
         """Notes the stamp of the first sample and its time by the loop [s]."""
@@ -331,88 +365,51 @@ class McapLog(StoredLog):
             self.clock = stamp - time if stamp > WALL_CLOCKS else None
 
     def _pieces(self, names: Sequence[str]) -> Iterator[Piece]:
-        topics = {ident: name for ident, name in self._topics.items() if name in names}
-        topics = topics or dict([*self._topics.items()][:1])
-        texts: dict[int, list[bytes]] = {ident: [] for ident in topics}
-        last = max(topics, default=0)
-        newest = 0.0
-        self._is_whole = False
-        for ident, text in self._messages(topics):
-            texts[ident].append(text)
-            if ident == last and len(texts[last]) >= _PIECE:
-                times, samples = self._piece(topics, texts, names)
-                texts = {ident: [] for ident in topics}
-                newest = float(times[-1])
-                yield times, samples
-        # Of the last sample there may be some ports only.
-        count = min(map(len, texts.values()), default=0)
-        if count:
-            rest = {ident: each[:count] for ident, each in texts.items()}
-            times, samples = self._piece(topics, rest, names)
+        channels = {
+            ident: channel
+            for ident, channel in self._channels.items()
+            if any(signal.name in names for signal in channel.signals)
+        } or dict([*self._channels.items()][:1])
+        messages: dict[int, list[bytes]] = {ident: [] for ident in channels}
+        newest, is_whole = 0.0, False
+
+        def piece(count: int) -> Piece:
+            nonlocal newest
+            samples: dict[str, Floats] = {}
+            for ident, channel in channels.items():
+                times, decoded = channel.decoded(messages[ident][:count])
+                samples |= decoded
+                del messages[ident][:count]
             newest = float(times[-1])
-            yield times, samples
-        if not self._is_whole:
-            self.cut_at = newest
+            return times, {name: samples[name] for name in names}
 
-    def _piece(
-        self, topics: Mapping[int, str], texts: Mapping[int, list[bytes]], names: Sequence[str]
-    ) -> Piece:
-        """Decodes messages, those of a topic all at once."""
-        decoded = {
-            topics[ident]: json.loads(b"[%s]" % b",".join(each)) for ident, each in texts.items()
-        }
-        samples = {
-            name: np.array([each["value"] for each in decoded[name]], dtype=float)
-            for name in names
-        }
-        first = next(iter(decoded.values()))
-        return np.array([each["t"] for each in first], dtype=float), samples
-
-    def _messages(self, topics: Collection[int]) -> Iterator[tuple[int, bytes]]:
-        """Channel and data of each message of some channels, up to where the file ends.
-
-        An hour of a machine is ten million messages, of each of which the library makes an
-        object; where there are no chunks, as in logs that parapod writes, all others are skipped.
-        """
-        with open(self.path, "rb") as stream:
-            self.done = stream.seek(_MAGIC)
-            rest = b""
-            while block := stream.read(_BLOCK):
-                data, place = rest + block, 0
-                while place + _RECORD.size <= len(data):
-                    kind, length = _RECORD.unpack_from(data, place)
-                    begin, end = place + _RECORD.size, place + _RECORD.size + length
-                    if kind == _CHUNK:
-                        yield from self._messages_of_chunks(topics)
-                        return
-                    if kind == _DATA_END:
-                        self._is_whole = True
-                        return
-                    if end > len(data):
-                        break
-                    if kind == _MESSAGE:
-                        (ident,) = _CHANNEL.unpack_from(data, begin)
-                        if ident in topics:
-                            yield ident, data[begin + _HEAD : end]
-                    place = end
-                rest = data[place:]
-                self.done = stream.tell()
-
-    def _messages_of_chunks(self, topics: Collection[int]) -> Iterator[tuple[int, bytes]]:
         for record in self._records():
-            name = type(record).__name__
-            if name == "Message" and record.channel_id in topics:
-                yield record.channel_id, record.data
-            self._is_whole = self._is_whole or name == "DataEnd"
+            kind = type(record).__name__
+            if kind == "Message" and record.channel_id in channels:
+                own = messages[record.channel_id]
+                own.append(record.data)
+                if len(own) >= _PIECE and min(map(len, messages.values())) >= _PIECE:
+                    yield piece(_PIECE)
+            elif kind == "DataEnd":
+                is_whole = True
+                break
+        # Of the last sample there may be some parts only.
+        if count := min(map(len, messages.values()), default=0):
+            yield piece(count)
+        if not is_whole:
+            self.cut_at = newest
 
     def _records(self) -> Iterator[Any]:
         """The records of the file, up to where it ends."""
         reader, exceptions = need("mcap.stream_reader"), need("mcap.exceptions")
-        with open(self.path, "rb") as stream:
+        with open(self.path, "rb", _BLOCK) as stream:
             try:
-                yield from reader.StreamReader(stream).records
-            except (exceptions.EndOfFile, struct.error):
-                return  # in the middle of a record, or of its length
+                for number, record in enumerate(reader.StreamReader(stream).records):
+                    if number % _PIECE == 0:
+                        self.done = stream.tell()
+                    yield record
+            except (exceptions.EndOfFile, struct.error, UnicodeDecodeError):
+                return  # in the middle of a record, of its length, or of a letter
             except exceptions.McapError as error:
                 reason = f"it is not an MCAP file: {error}"
                 raise self._unreadable(reason) from None

@@ -21,6 +21,7 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.machining_centre.machine import MACHINING_CENTRE
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH
 from parapod.diagrams.walking_chair.machine import CHAIR
+from parapod.sims.output.logs.part_messages import PartMessage
 from parapod.sims.real_machine.age_limit import LOOKED
 from parapod.systems.hardware.clock import CLOCK, EmulatedClock
 from parapod.systems.hardware.emulation.harness import SharedHarness
@@ -100,22 +101,29 @@ def _in_time(value, limit, what):
 def _stamped(path, *names):
     stream_reader = pytest.importorskip("mcap.stream_reader")
     exceptions = pytest.importorskip("mcap.exceptions")
-    channels, stamps, rows = {}, [], {name: [] for name in names}
+    channels, kinds, stamps, messages = {}, {}, [], {}
     with open(path, "rb") as stream:
         try:
             for record in stream_reader.StreamReader(stream).records:
                 kind = type(record).__name__
-                if kind == "Channel" and record.topic in names:
-                    channels[record.id] = record.topic
+                if kind == "Schema":
+                    kinds[record.id] = record.name
+                elif kind == "Channel" and "signals" in record.metadata:
+                    part = PartMessage.from_metadata(
+                        record.topic, kinds[record.schema_id], record.metadata
+                    )
+                    channels[record.id] = part
                 elif kind == "Message" and record.channel_id in channels:
-                    name = channels[record.channel_id]
-                    rows[name].append(json.loads(record.data)["value"])
-                    if name == names[0]:
+                    messages.setdefault(record.channel_id, []).append(record.data)
+                    if record.channel_id == min(channels):
                         stamps.append(1e-9 * record.log_time)
         except (exceptions.EndOfFile, struct.error):
             pass  # in the middle of a record
-    count = min(map(len, rows.values()))
-    return (np.array(stamps[:count]), *(np.array(v[:count], float) for v in rows.values()))
+    values = {}
+    for channel, data in messages.items():
+        values |= channels[channel].decoded(data)[1]
+    count = min(map(len, values.values()))
+    return (np.array(stamps[:count]), *(values[name][:count] for name in names))
 
 
 # A short and quick walk.

@@ -228,7 +228,7 @@ def test_a_log_without_what_it_is_drawn_by_says_so(work, capsys):
 def test_a_log_that_is_cut_off_says_how_far_it_goes(work, capsys):
     log = write(work / "walk.mcap")
     content = log.read_bytes()
-    log.write_bytes(content[: content.index(b"/scene") * 2 // 3])
+    log.write_bytes(content[: len(content) // 2])
     assert main(["replay", str(log), "--html", "walk.html"]) == 0
     said = capsys.readouterr().err
     (end,) = re.fullmatch(
@@ -431,11 +431,12 @@ def live_log(path, begins, first=1, is_whole=True):
     Its first sample is so many periods later.
     """
     pytest.importorskip("mcap")
+    pytest.importorskip("rosbags")
     with path.open("wb") as stream:
-        writer = McapWriter(stream, {"legs.position": "m"}, {"experiment": "centre-walk"})
+        writer = McapWriter(stream, {"legs.position": "m"}, (6,), {"experiment": "centre-walk"})
         for time in 0.1 * np.arange(first, first + COUNT):
             stamp = begins + time
-            writer.write(round(1e9 * stamp), time, [[1e-3 * (stamp - NOON)] * 6])
+            writer.write(round(1e9 * stamp), time, np.full(6, 1e-3 * (stamp - NOON)))
         if is_whole:
             writer.finish()
     return path
