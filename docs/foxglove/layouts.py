@@ -10,7 +10,9 @@ from typing import Any
 
 from parapod.diagrams.machine import Machine, list_machines
 from parapod.diagrams.plots import parse
-from parapod.sims.output.logs.scene_messages import SCENE, WORLD
+from parapod.sims.output.drawn_bodies import WORLD
+from parapod.sims.output.logs.part_messages import part_messages
+from parapod.sims.output.logs.scene_messages import SCENE
 from parapod.systems.core.extras import need
 
 
@@ -35,7 +37,7 @@ def as_layout(machine: Machine[Any]) -> str:
         config=fl.ThreeDeeConfig(
             fixed_frame=WORLD,
             follow_tf=WORLD,
-            topics={SCENE: fl.BaseRendererSceneUpdateTopicSettings(visible=True)},
+            topics={SCENE: fl.BaseRendererRosMarkerTopicSettings(visible=True)},
         )
     )
     column = [fl.SplitItem(proportion=1, content=plot) for plot in plots]
@@ -54,12 +56,21 @@ def as_layout(machine: Machine[Any]) -> str:
 
 
 def _paths(machine: Machine[Any], text: str) -> Iterator[str]:
-    """Message paths of a plot's curves, with quotes for the dots in names of topics."""
+    """Message paths of a plot's curves."""
+    sizes = {name: port.size for name, port in machine.table.items()}
+    fields = {
+        signal.name: f"{part.topic}.{signal.field}"
+        for part in part_messages(dict.fromkeys(sizes, ""), [*sizes.values()])
+        for signal in part.signals
+    }
     for each in text.split("+"):
         name, elements = parse(each) or (each, None)
-        if elements is None:  # of a signal whose size is left open the first
-            elements = range(machine.table[name].size or 1)
-        yield from (f'"{name}".value[{element}]' for element in elements)
+        if elements is None and sizes[name] > 1:
+            elements = range(sizes[name])
+        # A signal whose size is left open is a number, where a plot does not say otherwise.
+        yield from (
+            [fields[name]] if elements is None else (f"{fields[name]}[{k}]" for k in elements)
+        )
 
 
 if __name__ == "__main__":

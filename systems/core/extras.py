@@ -11,7 +11,7 @@ EXTRAS = {
     "can": "can",
     "canopen": "can",
     "distributed": "cluster",
-    "foxglove": "log",
+    "foxglove": "docs",
     "grpc": "ni",
     "iio": "iio",
     "mcap": "log",

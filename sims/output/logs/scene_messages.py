@@ -1,70 +1,56 @@
-"""Drawing of a machine for Foxglove's 3D panel, as messages of its own kinds."""
+"""Drawing of a machine in its log, as messages that RViz and Foxglove know."""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from functools import cache
 from typing import Any
 
 import numpy as np
 from pydrake.geometry import (
     Box,
-    Capsule,
     Cylinder,
     Ellipsoid,
-    FrameId,
     Mesh,
-    Rgba,
-    Role,
-    SceneGraph,
-    SceneGraphInspector,
+    ReadObjToTriangleSurfaceMesh,
+    Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform
 
-from parapod.diagrams.twin import MEASURED, PALE
 from parapod.sims.output.drawn import DrawnLog
+from parapod.sims.output.drawn_bodies import WORLD, Visual, frames, robot_description, visuals
 from parapod.sims.output.logs.mcap import Message, Picture, Schema
+from parapod.sims.output.logs.part_messages import SCHEMA_ENCODING, definition_of, types
 from parapod.systems.core.errors import ParapodError
-from parapod.systems.core.extras import need
 
-FRAMES, SCENE = "/tf", "/scene"
-WORLD = "world"
-_GREY = Rgba(0.8, 0.8, 0.8, 1.0)
+FRAMES, SCENE, DESCRIPTION = "/tf", "/scene", "/robot_description"
+KINDS = {
+    FRAMES: "tf2_msgs/msg/TFMessage",
+    SCENE: "visualization_msgs/msg/MarkerArray",
+    DESCRIPTION: "std_msgs/msg/String",
+}
+# Kinds of markers, from visualization_msgs/msg/Marker.
+_CUBE, _SPHERE, _CYLINDER, _TRIANGLES = 1, 2, 3, 11
 # Somebody waits for the log: drawings whose poses take longer are made with fewer pictures [s].
 _PATIENCE, _TRIED = 8.0, 10
 
 
-def schema_of(topic: str) -> Schema:
-    """The schema of a topic, as Foxglove publishes it.
-
-    Raises:
-        MissingExtra: Foxglove's package is not installed.
-    """
-    kinds = need("foxglove.messages")
-    kind = {FRAMES: kinds.FrameTransforms, SCENE: kinds.SceneUpdate}[topic]
-    schema = kind.get_schema()
-    return Schema(schema.name, schema.encoding, bytes(schema.data))
-
-
 def scene_messages(drawing: DrawnLog, pictures: Sequence[Picture]) -> Iterator[Message]:
-    """The bodies, once, and where they are in each picture.
+    """The bodies, once as a URDF and once as markers, and their poses in each picture.
 
     Args:
         drawing: the machine and its signals.
         pictures: stamp [ns], time [s] and samples of the log's signals.
 
     Raises:
-        MissingExtra: Foxglove's package is not installed.
+        MissingExtra: rosbags is not installed.
         ParapodError: the drawing is refused.
     """
     if not pictures:
         return
-    need("foxglove.messages")
-    twin = drawing.make()
-    schemas = {topic: schema_of(topic) for topic in (SCENE, FRAMES)}
-    yield Message(
-        SCENE, schemas[SCENE], pictures[0][0], _bodies(twin.scene_graphs(), pictures[0][0])
-    )
+    twin, first = drawing.make(), pictures[0][0]
+    yield _message(DESCRIPTION, first, data=robot_description(twin, "parapod"))
+    yield _message(SCENE, first, markers=_markers(visuals(twin), first))
     began, step = time.monotonic(), 1
     for number, (stamp, t, row) in enumerate(pictures):
         if number == _TRIED:
@@ -72,126 +58,132 @@ def scene_messages(drawing: DrawnLog, pictures: Sequence[Picture]) -> Iterator[M
             step = max(1, round(duration / _PATIENCE + 0.5))
         if number % step == 0:
             twin.show(drawing.values(row), t)
-            yield Message(FRAMES, schemas[FRAMES], stamp, _poses(twin.scene_graphs(), stamp))
+            yield _message(FRAMES, stamp, transforms=transforms(frames(twin), stamp))
 
 
-def _frames(graph: SceneGraph) -> Iterator[tuple[FrameId, str]]:
-    """Frames of the bodies that are seen, and their names."""
-    inspector = graph.model_inspector()
-    for frame in inspector.GetAllFrameIds():
-        if frame != graph.world_frame_id() and inspector.NumGeometriesForFrameWithRole(
-            frame, Role.kIllustration
-        ):
-            yield frame, inspector.GetName(frame).replace("::", "/")
+def transforms(poses: Mapping[str, RigidTransform], stamp: int) -> list[Any]:
+    """Poses of bodies as `geometry_msgs/msg/TransformStamped` of rosbags.
+
+    Args:
+        poses: poses in the world, by body.
+        stamp: their time [ns].
+
+    Raises:
+        MissingExtra: rosbags is not installed.
+    """
+    return [
+        _made(
+            "geometry_msgs/msg/TransformStamped",
+            header=_header(WORLD, stamp),
+            child_frame_id=body,
+            transform=_made(
+                "geometry_msgs/msg/Transform",
+                translation=_vector(X.translation()),
+                rotation=_quaternion(X),
+            ),
+        )
+        for body, X in poses.items()
+    ]
 
 
-def _poses(graphs: Mapping[str, Any], stamp: int) -> bytes:
-    m = need("foxglove.messages")
-    transforms = []
-    for drawing, (graph, context) in graphs.items():
-        query: Any = graph.get_query_output_port().Eval(context)
-        for frame, name in _frames(graph):
-            X_WF = query.GetPoseInWorld(frame)
-            transforms.append(
-                m.FrameTransform(
-                    timestamp=_at(stamp),
-                    parent_frame_id=WORLD,
-                    child_frame_id=f"{drawing}/{name}",
-                    translation=_vector(X_WF.translation()),
-                    rotation=_quaternion(X_WF),
-                )
-            )
-    data: bytes = m.FrameTransforms(transforms=transforms).encode()
-    return data
+@cache
+def _schema(topic: str) -> Schema:
+    return Schema(KINDS[topic], SCHEMA_ENCODING, definition_of(KINDS[topic]).encode())
 
 
-def _bodies(graphs: Mapping[str, Any], stamp: int) -> bytes:
-    m = need("foxglove.messages")
-    entities = []
-    for drawing, (graph, _) in graphs.items():
-        inspector = graph.model_inspector()
-        for frame, name in _frames(graph):
-            parts: dict[str, list[Any]] = {}
-            for geometry in inspector.GetGeometries(frame, Role.kIllustration):
-                for kind, part in _parts(
-                    inspector, geometry, 1.0 if drawing == MEASURED else PALE
-                ):
-                    parts.setdefault(kind, []).append(part)
-            entities.append(
-                m.SceneEntity(
-                    timestamp=_at(stamp),
-                    frame_id=f"{drawing}/{name}",
-                    id=f"{drawing}/{name}",
-                    frame_locked=True,
-                    **parts,
-                )
-            )
-    data: bytes = m.SceneUpdate(entities=entities).encode()
-    return data
+def _message(topic: str, stamp: int, **fields: Any) -> Message:
+    kind = KINDS[topic]
+    data = bytes(types().serialize_cdr(_made(kind, **fields), kind))
+    return Message(topic, _schema(topic), stamp, data)
 
 
-def _parts(
-    inspector: SceneGraphInspector, geometry: Any, opacity: float
-) -> Iterator[tuple[str, Any]]:
-    """Kind of primitive, as an entity calls them, and the primitive."""
-    m = need("foxglove.messages")
-    shape, X_FG = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
-    properties = inspector.GetIllustrationProperties(geometry)
-    colour: Any = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
-    links = {
-        "pose": _pose(X_FG),
-        "color": m.Color(r=colour.r(), g=colour.g(), b=colour.b(), a=opacity * colour.a()),
-    }
+def _made(kind: str, **fields: Any) -> Any:
+    return types().types[kind](**fields)
+
+
+def _markers(bodies: Mapping[str, Sequence[Visual]], stamp: int) -> list[Any]:
+    """One marker for each solid, which moves with the frame of its body.
+
+    Raises:
+        ParapodError: a shape that no marker draws.
+    """
+    return [
+        _marker(body, number, visual, stamp)
+        for body, solids in bodies.items()
+        for number, visual in enumerate(solids)
+    ]
+
+
+def _marker(body: str, number: int, visual: Visual, stamp: int) -> Any:
+    kind, scale, points = _as_marker(visual.shape)
+    colour = dict(zip("rgba", map(float, visual.colour), strict=True))
+    image = _made(
+        "sensor_msgs/msg/CompressedImage",
+        header=_header("", 0),
+        format="",
+        data=np.zeros(0, np.uint8),
+    )
+    mesh = _made("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
+    return _made(
+        "visualization_msgs/msg/Marker",
+        header=_header(body, stamp),
+        ns=body,
+        id=number,
+        type=kind,
+        action=0,  # add
+        pose=_made(
+            "geometry_msgs/msg/Pose",
+            position=_vector(visual.pose.translation(), "Point"),
+            orientation=_quaternion(visual.pose),
+        ),
+        scale=_vector(scale),
+        color=_made("std_msgs/msg/ColorRGBA", **colour),
+        lifetime=_made("builtin_interfaces/msg/Duration", sec=0, nanosec=0),  # for ever
+        frame_locked=True,
+        points=[_vector(point, "Point") for point in points],
+        colors=[],
+        texture_resource="",
+        texture=image,
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=mesh,
+        mesh_use_embedded_materials=False,
+    )
+
+
+def _as_marker(shape: Shape) -> tuple[int, Any, Any]:
+    """Kind of a marker, its scale, and for meshes three points for each triangle."""
     match shape:
         case Box():
-            yield "cubes", m.CubePrimitive(size=_vector(shape.size()), **links)
+            return _CUBE, shape.size(), ()
         case Sphere():
-            yield "spheres", m.SpherePrimitive(size=_vector(3 * [2 * shape.radius()]), **links)
+            return _SPHERE, 3 * [2.0 * shape.radius()], ()
         case Ellipsoid():
-            size = [2.0 * shape.a(), 2.0 * shape.b(), 2.0 * shape.c()]
-            yield "spheres", m.SpherePrimitive(size=_vector(size), **links)
-        case Cylinder() | Capsule():
-            width, length = 2.0 * shape.radius(), shape.length()
-            yield (
-                "cylinders",
-                m.CylinderPrimitive(
-                    size=_vector([width, width, length]), bottom_scale=1.0, top_scale=1.0, **links
-                ),
-            )
-            for end in (-0.5, 0.5) if isinstance(shape, Capsule) else ():
-                X_FE = X_FG @ RigidTransform(np.array([0.0, 0.0, end * length]))
-                ball = {**links, "pose": _pose(X_FE)}
-                yield "spheres", m.SpherePrimitive(size=_vector(3 * [width]), **ball)
-        case Mesh() if (path := shape.source()).is_path():
-            yield (
-                "models",
-                m.ModelPrimitive(
-                    scale=_vector(shape.scale3()),
-                    override_color=True,
-                    media_type="model/obj",
-                    data=Path(path.path()).read_bytes(),
-                    **links,
-                ),
-            )
+            return _SPHERE, [2.0 * shape.a(), 2.0 * shape.b(), 2.0 * shape.c()], ()
+        case Cylinder():
+            return _CYLINDER, [2.0 * shape.radius(), 2.0 * shape.radius(), shape.length()], ()
+        case Mesh():
+            mesh = ReadObjToTriangleSurfaceMesh(str(shape.source().path()))
+            corners = [
+                mesh.vertex(triangle.vertex(k)) for triangle in mesh.triangles() for k in range(3)
+            ]
+            return _TRIANGLES, shape.scale3(), corners
         case _:
-            raise ParapodError(f"no message of Foxglove draws a {type(shape).__name__}")
+            raise ParapodError(f"no marker draws a {type(shape).__name__}")
 
 
-def _at(stamp: int) -> Any:
-    m = need("foxglove.messages")
-    return m.Timestamp(sec=stamp // 10**9, nsec=stamp % 10**9)
+def _header(frame: str, stamp: int) -> Any:
+    sec, nanosec = divmod(stamp, 10**9)
+    time_of = _made("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return _made("std_msgs/msg/Header", stamp=time_of, frame_id=frame)
 
 
-def _pose(X: RigidTransform) -> Any:
-    pose = need("foxglove.messages").Pose
-    return pose(position=_vector(X.translation()), orientation=_quaternion(X))
-
-
-def _vector(numbers: Any) -> Any:
+def _vector(numbers: Any, kind: str = "Vector3") -> Any:
     x, y, z = map(float, numbers)
-    return need("foxglove.messages").Vector3(x=x, y=y, z=z)
+    return _made(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
 
 
 def _quaternion(X: RigidTransform) -> Any:
     q = X.rotation().ToQuaternion()
-    return need("foxglove.messages").Quaternion(x=q.x(), y=q.y(), z=q.z(), w=q.w())
+    return _made("geometry_msgs/msg/Quaternion", x=q.x(), y=q.y(), z=q.z(), w=q.w())

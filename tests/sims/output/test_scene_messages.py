@@ -1,23 +1,25 @@
 import runpy
+import xml.etree.ElementTree as ET
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from parapod.diagrams.machine import find_machine
+from parapod.diagrams.machine import find_machine, list_machines
 from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.lab.subject import Subject, draw_log
+from parapod.sims.output.drawn_bodies import frames, robot_description, visuals
 from parapod.sims.output.logs.files import read_log
 from parapod.sims.output.logs.mcap import write_mcap
 from parapod.systems.core.scenario_file import dump_scenario
 
 pytest.importorskip("mcap")
-pytest.importorskip("foxglove")
-POOL = pytest.importorskip("google.protobuf.descriptor_pool")
+pytest.importorskip("rosbags")
 
 COUNT = 3
 DOCS = Path(__file__).parents[3] / "docs" / "foxglove"
+MACHINES = [machine.name for machine in list_machines()]
 
 
 @pytest.fixture(scope="module")
@@ -49,39 +51,42 @@ def drawing(path):
         return [
             (channel.topic, message.log_time, message.data)
             for _, channel, message in make_reader(stream).iter_messages()
-            if channel.topic in ("/tf", "/scene")
+            if channel.topic in ("/tf", "/scene", "/robot_description")
         ]
 
 
 @pytest.fixture(scope="module")
 def messages(log):
-    """By topic, the channel's schema and times [ns] and content of its messages."""
-    from google.protobuf import descriptor_pb2, message_factory
-    from google.protobuf.descriptor_pool import DescriptorPool
-    from mcap.reader import make_reader
+    """By topic, the type and times [ns] and content of its messages, in the order of the file."""
+    from rosbags.highlevel import AnyReader
 
-    found = {}
+    by_topic = {}
+    with AnyReader([log]) as reader:
+        for connection, stamp, data in reader.messages():
+            kind = connection.msgtype
+            _, times, contents = by_topic.setdefault(connection.topic, (kind, [], []))
+            times.append(stamp)
+            contents.append(reader.deserialize(data, kind))
+    return by_topic
+
+
+def test_the_messages_are_of_types_that_rviz_and_foxglove_know(messages):
+    assert messages["/tf"][0] == "tf2_msgs/msg/TFMessage"
+    assert messages["/scene"][0] == "visualization_msgs/msg/MarkerArray"
+    assert messages["/robot_description"][0] == "std_msgs/msg/String"
+
+
+def test_messages_of_a_simulation_stand_in_the_file_in_the_order_of_time(log):
+    from mcap.stream_reader import StreamReader
+
     with open(log, "rb") as stream:
-        for schema, channel, message in make_reader(stream).iter_messages():
-            if schema.encoding == "protobuf":
-                assert channel.message_encoding == "protobuf"
-                pool = DescriptorPool()
-                for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-                    pool.Add(file)
-                kind = pool.FindMessageTypeByName(schema.name)
-                content = message_factory.GetMessageClass(kind).FromString(message.data)
-            else:
-                assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
-                content = message.data
-            _, times, contents = found.setdefault(channel.topic, (schema, [], []))
-            times.append(message.log_time)
-            contents.append(content)
-    return found
-
-
-def test_topics_have_the_schemas_that_foxglove_publishes(messages):
-    assert messages["/tf"][0].name == "foxglove.FrameTransforms"
-    assert messages["/scene"][0].name == "foxglove.SceneUpdate"
+        times = [
+            record.log_time
+            for record in StreamReader(stream).records
+            if type(record).__name__ == "Message"
+        ]
+    assert times == sorted(times)
+    assert len(times) == 3 * COUNT + 2
 
 
 def test_transforms_have_the_times_of_the_samples(messages):
@@ -90,25 +95,25 @@ def test_transforms_have_the_times_of_the_samples(messages):
     assert times == stamps == messages["/legs"][1]
     for time, content in zip(times, contents, strict=True):
         for each in content.transforms:
-            assert each.timestamp.seconds * 10**9 + each.timestamp.nanos == time
+            stamp = each.header.stamp
+            assert stamp.sec * 10**9 + stamp.nanosec == time
 
 
 def test_each_body_that_is_seen_has_a_transform_from_the_world(messages):
-    _, times, (update,) = messages["/scene"]
+    _, times, (scene,) = messages["/scene"]
     assert times == messages["/tf"][1][:1]
-    bodies = [entity.frame_id for entity in update.entities]
-    assert len(bodies) == len(set(bodies)) == len({entity.id for entity in update.entities})
-    assert all(entity.frame_locked for entity in update.entities)
+    bodies = list(dict.fromkeys(marker.header.frame_id for marker in scene.markers))
+    assert len({(marker.ns, marker.id) for marker in scene.markers}) == len(scene.markers)
+    assert all(marker.frame_locked and marker.color.a > 0.0 for marker in scene.markers)
     for content in messages["/tf"][2]:
         assert [each.child_frame_id for each in content.transforms] == bodies
-        assert {each.parent_frame_id for each in content.transforms} == {"world"}
+        assert {each.header.frame_id for each in content.transforms} == {"world"}
         for each in content.transforms:
-            q = each.rotation
+            q = each.transform.rotation
             assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0)
-    parts = [p for e in update.entities for p in (*e.cubes, *e.cylinders, *e.spheres, *e.models)]
-    assert len(parts) >= len(bodies)
-    assert all(part.color.a > 0.0 for part in parts)
-    assert all(m.media_type == "model/obj" and m.data for e in update.entities for m in e.models)
+    (description,) = messages["/robot_description"][2]
+    links = [link.get("name") for link in ET.fromstring(description.data).iter("link")]
+    assert links == ["world", *bodies]
 
 
 def test_the_bodies_are_where_the_drawing_has_them(messages, log):
@@ -127,16 +132,61 @@ def test_the_bodies_are_where_the_drawing_has_them(messages, log):
             )
             for frame in graph.model_inspector().GetAllFrameIds()
         }
+        assert len(frames(twin)) == len(content.transforms)
         for each in content.transforms:
             if each.child_frame_id in poses:
-                there = poses[each.child_frame_id].translation()
-                at = each.translation
-                np.testing.assert_allclose((at.x, at.y, at.z), there, atol=1e-9)
+                pose, at = poses[each.child_frame_id], each.transform.translation
+                np.testing.assert_allclose((at.x, at.y, at.z), pose.translation(), atol=1e-9)
+                q, there = each.transform.rotation, pose.rotation().ToQuaternion().wxyz()
+                np.testing.assert_allclose((q.w, q.x, q.y, q.z), there, atol=1e-9)
                 if each.child_frame_id.endswith("base"):
                     heights.append(at.z)
     assert len(heights) == COUNT
     assert heights == sorted(heights)
     assert heights[-1] > heights[0] + 0.01
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_urdf_has_the_solids_of_the_drawing_in_their_places(name):
+    from pydrake.geometry import Box, Cylinder, Ellipsoid, Mesh, Role, SceneGraph, Sphere
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import BodyIndex
+
+    def sizes(shape):
+        match shape:
+            case Box():
+                return [*shape.size()]
+            case Sphere():
+                return 3 * [shape.radius()]
+            case Ellipsoid():
+                return 3 * [np.cbrt(shape.a() * shape.b() * shape.c())]
+            case Cylinder():
+                return [shape.radius(), shape.length()]
+            case Mesh():
+                return [*shape.scale3()]
+
+    machine = find_machine(name)
+    twin = machine.view.twin(None, machine.scenario())
+    expected = visuals(twin)
+    plant, graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(graph)
+    Parser(plant).AddModelsFromString(robot_description(twin, name), "urdf")
+    inspector, bodies = graph.model_inspector(), set()
+    for index in range(1, plant.num_bodies()):
+        body = plant.get_body(BodyIndex(index))
+        bodies.add(body.name())
+        frame = plant.GetBodyFrameIdIfExists(body.index())
+        geometries = inspector.GetGeometries(frame, Role.kIllustration)
+        solids = expected[body.name()]
+        assert len(geometries) == len(solids)
+        order = sorted(geometries, key=lambda each: each.get_value())
+        for geometry, solid in zip(order, solids, strict=True):
+            pose = inspector.GetPoseInFrame(geometry)
+            assert pose.IsNearlyEqualTo(solid.pose, 1e-6)
+            shape = inspector.GetShape(geometry)
+            np.testing.assert_allclose(sizes(shape), sizes(solid.shape), rtol=1e-6)
+    assert bodies - {"world"} == {*expected}
 
 
 def test_an_experiment_draws_its_machine_into_its_log(log, tmp_path):
@@ -145,12 +195,37 @@ def test_an_experiment_draws_its_machine_into_its_log(log, tmp_path):
     scenario = machine.scenario(backend="kinematic")
     find_experiment("level").write_log(tmp_path / "log.mcap", scenario, read.time, signals)
     drawn = drawing(tmp_path / "log.mcap")
-    assert len(drawn) == COUNT + 1
+    assert len(drawn) == COUNT + 2
     assert drawn == drawing(log)
 
 
 def test_drawings_are_no_signals(log):
     assert [*read_log(log).signals] == ["legs.extension", "attitude_estimated"]
+
+
+def test_meshes_of_a_log_are_drawn_without_their_files(tmp_path):
+    from parapod.sims.output.logs.scene_messages import _as_marker
+
+    machine = find_machine("walking_chair")
+    solids = visuals(machine.view.twin(None, machine.scenario()))
+    meshes = [
+        solid.shape
+        for each in solids.values()
+        for solid in each
+        if type(solid.shape).__name__ == "Mesh"
+    ]
+    assert meshes
+    for shape in meshes:
+        kind, _, corners = _as_marker(shape)
+        text = Path(shape.source().path()).read_text()
+        vertices = {
+            tuple(map(float, line.split()[1:4]))
+            for line in text.splitlines()
+            if line.startswith("v ")
+        }
+        assert kind == 11
+        assert len(corners) % 3 == 0
+        assert {tuple(corner) for corner in corners} <= vertices
 
 
 def test_a_log_of_which_nothing_can_be_drawn_says_why(tmp_path):
@@ -182,5 +257,6 @@ def test_signals_that_fit_no_drawing_do_not_cost_the_log(tmp_path):
 
 @pytest.mark.parametrize("path", sorted(DOCS.glob("*.json")), ids=lambda path: path.stem)
 def test_layouts_in_the_docs_are_those_of_the_machines(path):
+    pytest.importorskip("foxglove")
     as_layout = runpy.run_path(DOCS / "layouts.py")["as_layout"]
     assert path.read_text() == as_layout(find_machine(path.stem))
