@@ -177,7 +177,7 @@ def write_mcap(
     with atomic_output(path) as temporary, open(temporary, "wb") as stream:
         sizes = [column.shape[1] for column in columns]
         writer = McapWriter(stream, units, sizes, metadata)
-        # In the order of time: `ros2 bag play` takes messages in the order of the file.
+        # In the order of time, because `ros2 bag play` goes by the file where there is no index.
         drawing = deque(writer.drawing(draw, pictures.rows) if draw is not None else ())
         for stamp, t, row in stamped:
             while drawing and drawing[0].stamp <= stamp:
