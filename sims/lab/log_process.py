@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from parapod.sims.output.companion import PIECE, read_beginning
-from parapod.sims.output.logs.live import FLUSH_PERIOD, HEAD, READY
-from parapod.sims.output.logs.mcap import McapWriter, Message, Picture
+from parapod.sims.output.logs.live import HEAD, READY
+from parapod.sims.output.logs.mcap import FLUSH_PERIOD, McapWriter, Message, Picture
 from parapod.systems.core.errors import ParapodError
 
 
@@ -32,7 +32,7 @@ def _write_all() -> None:
 
     with open(described["path"], "wb") as stream:
         writer = McapWriter(stream, described["units"], sizes, described["metadata"])
-        stream.flush()
+        writer.flush()
         os.write(sys.stdout.fileno(), READY)
         flushed = time.monotonic()
         is_over = False
@@ -46,10 +46,9 @@ def _write_all() -> None:
                 writer.write(int(row.view(np.int64)[0]), float(row[1]), row[HEAD:])
             rest = rest[whole:]
             if time.monotonic() - flushed >= FLUSH_PERIOD:
-                stream.flush()
+                writer.flush()
                 flushed = time.monotonic()
-        for message in writer.drawing(draw):
-            writer.add(message)
+        writer.draw(draw)
         writer.finish()
 
 

@@ -26,8 +26,6 @@ from parapod.systems.core.extras import need
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.hardware.clock import calendar_time_ns
 
-# Longest time for which what has been read is not in the file [s].
-FLUSH_PERIOD = 0.2
 _CAPACITY = 1 << 20  # capacity of the pipe, the most that an ordinary user gets [bytes]
 # How long the process may take to begin, and to write what is left with the drawing [s]; how often
 # one looks.

@@ -1,7 +1,7 @@
 """Logs in MCAP files, one topic for each part, as ROS 2 has them."""
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -20,7 +20,9 @@ type Picture = tuple[int, float, Mapping[str, NDArray[Any]]]
 type Draw = Callable[[Mapping[str, tuple[int, ...]], Sequence[Picture]], Iterable[Message]]
 
 # Pictures of the machine: ten a second of some minutes.
-PICTURES = 1500
+_PICTURES = 1500
+# Longest time for which what has been read is not in the file, hence that of a chunk [s].
+FLUSH_PERIOD = 0.2
 
 
 class Schema(NamedTuple):
@@ -52,8 +54,9 @@ class McapWriter:
     """Writes samples into a stream, readable up to wherever it ends.
 
     Each part has one message a time (see `PartMessage`), which tools of ROS 2 read, Foxglove and
-    PlotJuggler. There are no chunks: a file that ends in the middle can be read up to there
-    (`read_log`, or `mcap recover`).
+    PlotJuggler. What is written between two calls of `flush` is a chunk, compressed; a file that
+    ends in the middle can be read up to its last whole chunk (`read_log`, or `mcap recover`).
+    Behind them is an index, so that readers take messages in the order of time.
     """
 
     def __init__(
@@ -74,8 +77,8 @@ class McapWriter:
         Raises:
             MissingExtra: mcap or rosbags is not installed.
         """
-        self._stream, self._names, self._ends = stream, [*units], np.cumsum(sizes)
-        self._writer = need("mcap.writer").Writer(stream, use_chunking=False)
+        self._names, self._ends = [*units], np.cumsum(sizes)
+        self._writer = need("mcap.writer").Writer(stream)
         self._writer.start(profile="ros2", library="parapod")
         self._writer.add_metadata("parapod", dict(metadata))
         self._channels: dict[str, int] = {}
@@ -87,15 +90,14 @@ class McapWriter:
             row = np.concatenate([places[each.place] for each in part.signals])
             self._parts.append((part, channel, row))
         self._count = 0
-        self._pictures: Snapshots[tuple[int, float, NDArray[np.float64]]] = Snapshots(PICTURES)
+        self._pictures: Snapshots[tuple[int, float, NDArray[np.float64]]] = Snapshots(_PICTURES)
 
     def _register(self, topic: str, schema: Schema, metadata: Mapping[str, str]) -> int:
         """Number of the channel of a topic."""
         if topic not in self._channels:
             number = self._writer.register_schema(*schema)
-            encoding = ENCODING if schema.encoding == SCHEMA_ENCODING else schema.encoding
             self._channels[topic] = self._writer.register_channel(
-                topic, encoding, number, dict(metadata)
+                topic, ENCODING, number, dict(metadata)
             )
         return self._channels[topic]
 
@@ -113,29 +115,28 @@ class McapWriter:
         self._pictures.take((stamp, t, row.copy()))
         self._count += 1
 
-    def add(self, message: Message) -> None:
-        """Writes a message of a drawing."""
-        channel = self._register(message.topic, message.schema, {})
-        self._writer.add_message(channel, message.stamp, message.data, message.stamp)
+    def flush(self) -> None:
+        """Ends a chunk, and has everything in the file."""
+        self._writer.flush()
 
-    def drawing(
-        self, draw: Draw, pictures: Sequence[tuple[int, float, NDArray[np.float64]]] | None = None
-    ) -> Iterator[Message]:
-        """Messages that draw the machine; where it cannot be drawn, the file says why.
+    def draw(self, draw: Draw) -> None:
+        """Draws the machine; where it cannot be drawn, the file says why.
 
         Args:
             draw: draws the machine.
-            pictures: stamp [ns], time [s] and numbers of all ports; None: of what was written.
         """
-        self._stream.flush()
-        chosen: list[Picture] = [
+        self.flush()
+        pictures: list[Picture] = [
             (stamp, t, dict(zip(self._names, np.split(row, self._ends[:-1]), strict=False)))
-            for stamp, t, row in (self._pictures.rows if pictures is None else pictures)
+            for stamp, t, row in self._pictures.rows
         ]
-        if not chosen:
+        if not pictures:
             return
         try:
-            yield from draw({name: value.shape for name, value in chosen[0][2].items()}, chosen)
+            shapes = {name: value.shape for name, value in pictures[0][2].items()}
+            for message in draw(shapes, pictures):
+                channel = self._register(message.topic, message.schema, {})
+                self._writer.add_message(channel, message.stamp, message.data, message.stamp)
         except Exception as error:  # whatever a drawing meets, it must not cost the log
             self._writer.add_metadata("drawing", {"left_out": str(error)})
 
@@ -170,17 +171,14 @@ def write_mcap(
     arrays = [np.asarray(signals[name], dtype=float) for name in units]
     columns = [array.reshape(len(instants), -1) for array in arrays]
     rows = np.concatenate([np.empty((len(instants), 0)), *columns], axis=1)
-    stamped = [(round(1e9 * t), t, row) for t, row in zip(instants, rows, strict=True)]
-    pictures: Snapshots[tuple[int, float, NDArray[np.float64]]] = Snapshots(PICTURES)
-    for each in stamped:
-        pictures.take(each)
+    sizes = [column.shape[1] for column in columns]
     with atomic_output(path) as temporary, open(temporary, "wb") as stream:
-        sizes = [column.shape[1] for column in columns]
-        writer = McapWriter(stream, units, sizes, metadata)
-        # In the order of time, because `ros2 bag play` goes by the file where there is no index.
-        drawing = deque(writer.drawing(draw, pictures.rows) if draw is not None else ())
-        for stamp, t, row in stamped:
-            while drawing and drawing[0].stamp <= stamp:
-                writer.add(drawing.popleft())
-            writer.write(stamp, t, row)
+        writer, flushed = McapWriter(stream, units, sizes, metadata), -math.inf
+        for t, row in zip(instants, rows, strict=True):
+            if t - flushed >= FLUSH_PERIOD:
+                writer.flush()
+                flushed = t
+            writer.write(round(1e9 * t), t, row)
+        if draw is not None:
+            writer.draw(draw)
         writer.finish()

@@ -10,9 +10,11 @@ import time
 import numpy as np
 import pytest
 
+from parapod.diagrams.machine import find_machine
 from parapod.sims.output.logs.files import read_log
 from parapod.sims.output.logs.live import LiveLog
 from parapod.systems.core.errors import OutputError
+from parapod.systems.core.scenario_file import dump_scenario
 from tests.conftest import standing_still
 
 pytest.importorskip("mcap")
@@ -189,3 +191,24 @@ def test_a_disk_that_stands_still_costs_samples_and_no_time(path, told, judge):
 def test_a_log_that_cannot_be_written_is_refused_before_it_begins(tmp_path):
     with pytest.raises(OutputError, match="does not exist"):
         LiveLog(tmp_path / "nowhere" / "log.mcap", UNITS, SIZES, {})
+
+
+def test_the_machine_is_drawn_behind_the_samples(path, told):
+    from rosbags.highlevel import AnyReader
+
+    machine = find_machine("levelling_platform")
+    scenario = dump_scenario(machine.scenario(backend="kinematic"))
+    metadata = {"experiment": "level", "scenario": scenario}
+    units = {"legs.extension": "m", "attitude_estimated": "rad"}
+    with LiveLog(path, units, (4, 2), metadata, told.append) as log:
+        for k in range(3):
+            log.write(0.1 * k, [np.full(4, 0.41), np.zeros(2)])
+    assert told == []
+    with AnyReader([path]) as reader:
+        counts = {each.topic: each.msgcount for each in reader.connections}
+        stamps = {}
+        for connection, stamp, _ in reader.messages():
+            stamps.setdefault(connection.topic, []).append(stamp)
+    assert counts == {"/legs": 3, "/loop": 3, "/robot_description": 1, "/scene": 1, "/tf": 3}
+    assert stamps["/tf"] == stamps["/legs"]
+    assert len(read_log(path).time) == 3

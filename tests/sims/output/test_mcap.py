@@ -29,7 +29,7 @@ SIGNALS = {
     "legs.nothing": ("A", 0),
 }
 UNITS = {name: unit for name, (unit, _) in SIGNALS.items()}
-TIMES = 0.1 + 0.01 * np.arange(COUNT)
+TIMES = 0.1 + 0.25 * np.arange(COUNT)  # a chunk each
 
 
 def samples(seed):
@@ -116,13 +116,14 @@ def test_definitions_have_names_and_units(path):
     assert time.startswith("MSG: builtin_interfaces/Time\n")
 
 
-def test_a_log_that_was_written_anew_in_chunks_is_the_same(path, tmp_path):
+@pytest.mark.parametrize("in_chunks", [True, False])
+def test_a_log_that_was_written_anew_is_the_same(path, tmp_path, in_chunks):
     from mcap.stream_reader import StreamReader
     from mcap.writer import Writer
 
     anew = tmp_path / "anew.mcap"
     with open(path, "rb") as stream, open(anew, "wb") as sink:
-        writer = Writer(sink, chunk_size=300)
+        writer = Writer(sink, chunk_size=300, use_chunking=in_chunks)
         writer.start()
         numbers = {}
         for record in StreamReader(stream).records:
@@ -151,7 +152,7 @@ def test_a_log_that_was_written_anew_in_chunks_is_the_same(path, tmp_path):
         np.testing.assert_array_equal(values, other.signals[name])
 
 
-def test_a_log_cut_anywhere_is_readable_up_to_there(path):
+def test_a_log_cut_anywhere_is_readable_up_to_its_last_whole_chunk(path):
     whole, expected, counts = path.read_bytes(), samples(0), []
     for size in range(60, len(whole), 10):
         path.write_bytes(whole[:size])
