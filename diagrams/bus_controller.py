@@ -42,7 +42,7 @@ def bus_controller(
     commands = {port.name: port for port in machine.inputs if port.name not in job}
     own = {} if usual is None else outputs_of(usual)
     return BusController(
-        bus.open,
+        bus,
         {port.name: port.size for port in machine.outputs},
         {name: port.size for name, port in commands.items()},
         {name: port.idle for name, port in commands.items()},
@@ -53,6 +53,6 @@ def bus_controller(
             if name not in machine.table or machine.table[name].direction != "in"
         },
         period,
-        suffix=bus.suffix,
+        units={name: port.unit for name, port in machine.table.items()},
         patience=patience,
     )

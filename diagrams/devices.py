@@ -238,6 +238,7 @@ def make_parts(
             _signals(outputs, driver.part),
             _signals(inputs, driver.part),
             frozenset(_signals(switches, driver.part)),
+            {spec.name.removeprefix(f"{driver.part}."): spec.unit for spec in (*inputs, *outputs)},
         )
         device = driver.make(ports)
         for name in _ports(driver.part, device.commands):

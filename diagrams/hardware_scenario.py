@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
+from parapod.diagrams.drivers.bus import LcmPart, Ros2Part
 from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.drivers.epos2 import (
     Epos2Axes,
@@ -10,7 +11,6 @@ from parapod.diagrams.drivers.epos2 import (
     Epos2Screws,
     Epos2TorqueAxes,
 )
-from parapod.diagrams.drivers.lcm import LcmPart
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqForceCells, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
@@ -29,6 +29,7 @@ DRIVERS = (
     Adis16448SpiImu,
     Adis16448IioImu,
     LcmPart,
+    Ros2Part,
     NotFittedPart,
 )
 

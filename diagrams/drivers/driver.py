@@ -6,7 +6,7 @@ needs none of their libraries, and loads none of their code.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from parapod.systems.core.errors import ScenarioError
@@ -35,11 +35,13 @@ class PartPorts:
         measures: signals that the station shows.
         commands: signals that the station takes.
         switches: those of the commands that are switches; 1 is the safe side of each.
+        units: units of signals, as the ports declare them.
     """
 
     measures: Mapping[str, int]
     commands: Mapping[str, int]
     switches: frozenset[str] = frozenset()
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass

@@ -265,7 +265,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller",
         metavar="C",
-        help="short for --set control.controller=C: my_file.py:make, or a bus such as lcm://",
+        help="short for --set control.controller=C: my_file.py:make, or a bus: lcm:// or ros2://",
     )
     parser.set_defaults(switches=[])
 

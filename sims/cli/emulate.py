@@ -32,7 +32,7 @@ EXAMPLES = (
     "parapod emulate level, and in another terminal: parapod run level --backend hardware",
     "parapod emulate level --backend kinematic --fault '12 imu garbage'",
     "parapod emulate chair-walk --log emulated.mcap",
-    "parapod emulate level --backend kinematic --lcm",
+    "parapod emulate level --backend kinematic --ros2",
 )
 
 
@@ -54,11 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "computer is found to follow, in a time that waits for programs that are late; 1: by the "
         "computer's own clock, as beside real devices",
     )
-    parser.add_argument(
-        "--lcm",
-        action="store_true",
-        help="serve all parts on LCM, in place of the scenario's devices",
-    )
+    for kind, bus in (("lcm", "LCM"), ("ros2", "ROS 2")):
+        parser.add_argument(
+            f"--{kind}",
+            dest="bus",
+            action="store_const",
+            const=kind,
+            help=f"serve all parts on {bus}, in place of the scenario's devices",
+        )
     parser.add_argument(
         "--for", dest="duration", type=float, metavar="S", help="end after this number of seconds"
     )
@@ -106,11 +109,12 @@ def execute(arguments: argparse.Namespace) -> int:
     machine, scenario = machine_of(experiment, scenario)
 
     settings = list(experiment.on_devices)
-    if arguments.lcm:
-        from parapod.diagrams.drivers.lcm import parts_on_lcm
+    if arguments.bus:
+        from parapod.diagrams.drivers.bus import PARTS, parts_on_bus
 
-        scenario.hardware.drivers = parts_on_lcm(machine.for_scenario(scenario))
-        tags = ", ".join(f"!LcmPart {{part: {one.part}}}" for one in scenario.hardware.drivers)
+        scenario.hardware.drivers = parts_on_bus(machine.for_scenario(scenario), arguments.bus)
+        tag = PARTS[arguments.bus].__name__
+        tags = ", ".join(f"!{tag} {{part: {one.part}}}" for one in scenario.hardware.drivers)
         settings.append(f"hardware.drivers=[{tags}]")
 
     from parapod.sims.real_machine.disturbances import disturbable, parsed_fault

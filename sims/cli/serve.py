@@ -12,6 +12,7 @@ from parapod.sims.cli.arguments import (
     load,
     machine_of,
 )
+from parapod.systems.hardware.buses.address import KINDS
 
 HELP = "put a machine on a bus, for a controller in another program"
 DESCRIPTION = (
@@ -23,6 +24,7 @@ DESCRIPTION = (
 EXAMPLES = (
     "parapod serve level --lcm",
     "parapod serve chair-walk --backend kinematic --lcm '#_LEFT'",
+    "parapod serve level --ros2 '#left'",
     "parapod serve level --backend hardware --scenario lab.yaml --lcm --log served.mcap",
 )
 
@@ -39,6 +41,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "after # is put to the names of the channels; default: LCM's usual one, on this computer",
     )
     parser.add_argument(
+        "--ros2",
+        nargs="?",
+        const="",
+        metavar="ADDRESS",
+        help="serve it on ROS 2, at an address such as 42?range=subnet#left: the domain, whether "
+        "other computers are to find it, and the namespace; default: the domain of the "
+        "environment, on this computer",
+    )
+    parser.add_argument(
         "--for", dest="duration", type=float, metavar="S", help="end after this number of seconds"
     )
     parser.add_argument("--log", type=Path, metavar="FILE", help="write all signals, as MCAP")
@@ -49,8 +60,10 @@ def execute(arguments: argparse.Namespace) -> int:
     import math
 
     check_outputs({"log": arguments.log})
-    if arguments.lcm is None:
-        raise UsageError("name a bus: --lcm")
+    places = {kind: getattr(arguments, kind) for kind in KINDS}
+    addresses = [f"{kind}://{place}" for kind, place in places.items() if place is not None]
+    if len(addresses) != 1:
+        raise UsageError(f"name one bus: {' or '.join(f'--{kind}' for kind in KINDS)}")
     experiment, scenario = load(arguments)
     machine, scenario = machine_of(experiment, scenario)
 
@@ -62,7 +75,7 @@ def execute(arguments: argparse.Namespace) -> int:
     options = RunOptions(log=arguments.log, console=Console(stderr=True))
     duration = math.inf if arguments.duration is None else arguments.duration
     try:
-        serve(machine, scenario, f"lcm://{arguments.lcm}", options, duration)
+        serve(machine, scenario, addresses[0], options, duration)
     except KeyboardInterrupt:
         print("the machine is off the bus", file=sys.stderr)  # as it is meant to
     return HELD

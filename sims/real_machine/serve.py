@@ -123,7 +123,7 @@ class _News:
     def tell(self, root: Context) -> None:
         """Tells what has changed since the last call."""
         for part in self._controller.station.parts:
-            if not part.inbox.sizes:
+            if not part.inbox.layout.sizes:
                 continue
             state = "is neutral"
             if part.latched is not None:

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
-from parapod.diagrams.drivers.lcm import parts_on_lcm
+from parapod.diagrams.drivers.bus import PARTS, parts_on_bus
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.machine import list_machines
 from parapod.diagrams.station import Station
@@ -115,10 +115,11 @@ def _outputs(system):
 
 
 @pytest.mark.parametrize("machine", list_machines(), ids=lambda machine: machine.name)
-def test_every_machine_may_have_all_of_its_parts_on_a_bus(machine):
+@pytest.mark.parametrize("kind", PARTS)
+def test_every_machine_may_have_all_of_its_parts_on_a_bus(machine, kind):
     scenario = machine.scenario()
     scenario.backend = "hardware"
-    scenario.hardware.drivers = parts_on_lcm(machine.for_scenario(scenario))
+    scenario.hardware.drivers = parts_on_bus(machine.for_scenario(scenario), kind)
     station = Station(machine, scenario)
     threads = station.behind.handle_as(Parts).all_threads
     commanded = {

@@ -1,16 +1,21 @@
 """Addresses of buses, as people give them."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.quoting import quoted
 
-if TYPE_CHECKING:
-    from parapod.systems.hardware.buses.bus import Bus
+LCM, ROS2 = "lcm", "ros2"
+KINDS = (LCM, ROS2)
+# Numbers of ROS 2's domains.
+_DOMAINS = range(233)
 
-LCM = "lcm"
-KINDS = (LCM,)
+
+class Channels(NamedTuple):
+    """Names of the two channels of a part: its status, and its commands."""
+
+    status: str
+    command: str
 
 
 class Address(NamedTuple):
@@ -18,21 +23,30 @@ class Address(NamedTuple):
 
     Attributes:
         kind: one of `KINDS`.
-        place: address of the bus; "": the usual one.
-        suffix: end of the channels' names, of one machine of several.
+        place: address of the bus, such as LCM's URL, or ROS 2's domain; "": the usual one.
+        suffix: end of LCM's channels, or namespace of ROS 2's topics, of one machine of several.
+        topics: names of a part's status and commands in place of the usual ones; "": these.
     """
 
     kind: str
     place: str = ""
     suffix: str = ""
+    topics: tuple[str, str] = ("", "")
 
-    def open(self) -> "Bus":
-        """Connects to the bus.
+    def channels_of(self, part: str) -> Channels:
+        """Names of a part's channels.
 
-        Raises:
-            DeviceError: see the kind's.
+        Args:
+            part: name of the part.
         """
-        return _OPENERS[self.kind](self.place)
+        if self.kind == LCM:
+            name = part.upper()
+            return Channels(f"{name}_STATUS{self.suffix}", f"{name}_COMMAND{self.suffix}")
+        name, (status, command) = (
+            f"/{self.suffix}/{part}" if self.suffix else f"/{part}",
+            self.topics,
+        )
+        return Channels(status or f"{name}/status", command or f"{name}/command")
 
 
 def is_address(text: str) -> bool:
@@ -41,26 +55,33 @@ def is_address(text: str) -> bool:
 
 
 def address_of(text: str, key: str) -> Address:
-    """The address that a text names, such as "lcm", or "lcm://239.255.76.67:7667?ttl=0#_LEFT".
+    """The address that a text names.
+
+    Examples are "lcm", "lcm://239.255.76.67:7667?ttl=0#_LEFT", "ros2://" and "ros2://42#left".
 
     Args:
         text: kind of the bus, place and, after #, the suffix of the channels.
         key: key of the scenario, or option, that has the text.
 
     Raises:
-        ScenarioError: another kind.
+        ScenarioError: another kind, or a place that the kind does not have.
     """
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
-        raise ScenarioError(f"{key} = {quoted(text)} must begin with {', '.join(KINDS)}", key)
+        raise ScenarioError(f"{key} = {quoted(text)} must begin with {' or '.join(KINDS)}", key)
     place, _, suffix = rest.removeprefix("//").partition("#")
+    if kind == LCM:
+        return Address(kind, place if not place or ":/" in place else f"udpm://{place}", suffix)
+    domain, _, reach = place.partition("?")
+    is_domain = domain in ("", *map(str, _DOMAINS))
+    if not is_domain or reach not in ("", "range=subnet"):
+        raise ScenarioError(
+            f"{key} = {quoted(text)} must be ros2://DOMAIN?range=subnet#NAMESPACE, where DOMAIN "
+            f"is 0..{_DOMAINS[-1]} and each of the three may be left out",
+            key,
+        )
+    if suffix and not all(part.isidentifier() and part.isascii() for part in suffix.split("/")):
+        raise ScenarioError(
+            f"{key} = {quoted(text)} must have a namespace of letters, digits and _", key
+        )
     return Address(kind, place, suffix)
-
-
-def _open_lcm(place: str) -> "Bus":
-    from parapod.systems.hardware.buses.lcm import LcmBus
-
-    return LcmBus(place if not place or ":/" in place else f"udpm://{place}")
-
-
-_OPENERS: "dict[str, Callable[[str], Bus]]" = {LCM: _open_lcm}

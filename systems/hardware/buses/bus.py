@@ -2,11 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.device import DeviceFault
+
+type Poses = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 
 # A sender's clock that goes on by so much more or less than ours has jumped [s].
 JUMP = 1.0
@@ -47,7 +50,7 @@ class Inbox:
 
     Attributes:
         channel: name of the channel.
-        sizes: signals of its messages, and their sizes.
+        layout: signals of its messages.
         newest: the newest message that was accepted; None before the first.
         ignored: number of messages that came twice, and of those that came out of order.
     """
@@ -61,10 +64,10 @@ class Inbox:
             rate: messages a second that its sender publishes, at most [Hz]; infinite: any number.
             timeout: age from which the newest message is too old [s].
         """
-        self.channel, self.sizes = channel, layout.sizes
+        self.channel, self.layout = channel, layout
         self.newest: Received | None = None
         self.ignored = [0, 0]
-        self._layout, self._timeout = layout, timeout
+        self._timeout = timeout
         self._most = _CROWD * rate * _COUNTED + 2.0
         self._wrong: tuple[float, str] | None = None
         self._arrivals: deque[tuple[float, bool]] = deque()
@@ -81,7 +84,7 @@ class Inbox:
         ahead = message.stamp - last.message.stamp if last is not None and has_stamps else 1.0
         self._look_for_two(arrived, -JUMP < ahead < 0.0)
         try:
-            signals = self._layout.unpack(message)
+            signals = self.layout.unpack(message)
         except WrongMessage as error:
             self.refuse(str(error), arrived)
             return
@@ -135,11 +138,51 @@ class Inbox:
 class Bus(ABC):
     """A connection to a bus; a thread of its own receives.
 
+    A kind of bus overrides `advertise`, `tell`, `describe` and `place` if it has a use for them.
+
     Attributes:
         name: kind and address, as errors call it.
+        address: address of the bus, which names the channels.
     """
 
     name: str
+    address: Address
+
+    def advertise(self, channel: str, layout: Layout) -> None:  # noqa: B027
+        """Prepares for messages of a part's status; buses with types of their own need it.
+
+        Args:
+            channel: channel of the status.
+            layout: its signals, with their units.
+        """
+
+    def tell(self, time: float, is_stopped: bool) -> None:  # noqa: B027
+        """Tells of an instant, once its messages are published.
+
+        Args:
+            time: time of the machine [s].
+            is_stopped: true if an emergency stop of the machine is pressed.
+        """
+
+    def describe(self, urdf: str) -> None:  # noqa: B027
+        """Tells how the machine looks, on buses whose tools draw it.
+
+        Args:
+            urdf: text of a URDF.
+        """
+
+    def place(self, poses: Poses, time: float) -> None:  # noqa: B027
+        """Tells where the links of the description are.
+
+        Args:
+            poses: position (3) [m] and quaternion (w, x, y, z) of each link in the world.
+            time: time of the machine [s].
+        """
+
+    @property
+    def stop(self) -> str:
+        """Why others on the bus have all parts stopped; "" while they do not."""
+        return ""
 
     @abstractmethod
     def publish(self, channel: str, message: Message) -> None:

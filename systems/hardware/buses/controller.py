@@ -1,7 +1,8 @@
 """A controller in another program, in the place of a machine's own."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from itertools import chain
 
 import numpy as np
 from pydrake.systems.framework import Context, InputPort, State
@@ -9,9 +10,10 @@ from pydrake.systems.framework import Context, InputPort, State
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.core.leaf_system import LeafSystem
 from parapod.systems.core.ports import read
+from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox
+from parapod.systems.hardware.buses.connection import connect as open_bus
 from parapod.systems.hardware.buses.message import Layout, Message
-from parapod.systems.hardware.buses.part import channels_of
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.clock import monotonic, sleep
 
@@ -20,6 +22,8 @@ type Sizes = Mapping[str, int]
 
 # Parts on the bus beside those of the machine: the station as a whole, the controller, the job.
 STATION, CONTROLLER, JOB = "station", "controller", "job"
+# Signal of a part that tells whether its emergency stop is pressed.
+EMERGENCY_STOP = "emergency_stop"
 # Part of the machine's signals that tells how its devices are; it is told with the station.
 _DEVICES = "status."
 # Signals of the station as a whole: numbers of parts that are neutral, and latched.
@@ -55,7 +59,7 @@ class BusController(LeafSystem):
 
     def __init__(
         self,
-        open_bus: Callable[[], Bus],
+        address: Address,
         measures: Sizes,
         commands: Sizes,
         idle: Mapping[str, float],
@@ -63,21 +67,21 @@ class BusController(LeafSystem):
         signals: Sizes | None = None,
         period: float = 0.01,
         *,
-        suffix: str = "",
+        units: Mapping[str, str] | None = None,
         timeout: float = 0.1,
         patience: float = 0.0,
     ):
         """Creates the system.
 
         Args:
-            open_bus: opens the bus.
+            address: address of the bus.
             measures: measurements of the machine, and their sizes.
             commands: commands to the machine, and their sizes.
             idle: value of each command while its part is neutral.
             job: signals of the job that the controller may follow, and their sizes.
             signals: further signals of the controller, and their sizes.
             period: period of the controller [s].
-            suffix: end of the channels' names, of one machine of several.
+            units: units of signals, for buses that have messages of their own for some.
             timeout: age from which commands are too old [s].
             patience: longest wait for commands at an instant, and age from which they are too
                 old where that is longer [s]; 0: none.
@@ -88,8 +92,8 @@ class BusController(LeafSystem):
 
         def connect() -> ServedStation:
             return ServedStation(
-                *(open_bus(), measures, commands, idle, job or {}, signals or {}),
-                suffix=suffix,
+                *(open_bus(address), measures, commands, idle, job or {}, signals or {}),
+                units=units or {},
                 timeout=max(timeout, patience),
             )
 
@@ -154,7 +158,7 @@ class ServedStation:
         job: Sizes,
         signals: Sizes,
         *,
-        suffix: str,
+        units: Mapping[str, str],
         timeout: float,
     ):
         """Opens the channels; see `BusController`."""
@@ -165,7 +169,7 @@ class ServedStation:
         self.parts = [
             ServedPart(
                 *(part, bus, _within(part, own), _within(part, commands), _within(part, idle)),
-                suffix=suffix,
+                units=_within(part, units),
                 timeout=timeout,
             )
             for part in names
@@ -173,10 +177,13 @@ class ServedStation:
         self._devices, self._published = devices, monotonic()
         # Those of the job first, so that the station's is the last of an instant.
         self._others = {
-            channels_of(JOB, suffix)[0]: Layout(job),
-            channels_of(STATION, suffix)[0]: Layout(_COUNTS | devices),
+            bus.address.channels_of(JOB).status: Layout(job, units, JOB),
+            bus.address.channels_of(STATION).status: Layout(_COUNTS | devices, part=STATION),
         }
-        channel = channels_of(CONTROLLER, suffix)[0]
+        for name, layout in self._others.items():
+            if layout.names:
+                bus.advertise(name, layout)
+        channel = bus.address.channels_of(CONTROLLER).status
         self._signals = {
             name: Inbox(channel, Layout({name: size}), math.inf, math.inf)
             for name, size in signals.items()
@@ -196,7 +203,7 @@ class ServedStation:
     @property
     def taken(self) -> dict[str, Sizes]:
         """Commands that are taken, with their sizes, by channel."""
-        return {p.inbox.channel: p.inbox.sizes for p in self.parts if p.inbox.sizes}
+        return {p.inbox.channel: p.inbox.layout.sizes for p in self.parts if p.inbox.layout.sizes}
 
     def publish(self, values: Values, time: float) -> None:
         """Publishes an instant.
@@ -215,6 +222,8 @@ class ServedStation:
             if layout.names:
                 packed = layout.pack({**values, **counts, **devices})
                 self.bus.publish(channel, Message(layout.names, packed, time))
+        pressed = (v for name, v in values.items() if name.endswith(f".{EMERGENCY_STOP}"))
+        self.bus.tell(time, any(value > 0.5 for value in chain.from_iterable(pressed)))
 
     def wait(self, patience: float) -> None:
         """Waits for commands that came after the last instant, of the parts that have had some.
@@ -238,7 +247,9 @@ class ServedStation:
         self._is_silent = True
         if not self._has_heard:
             there = ", ".join(self.bus.channels()) or "no channel"
-            wrong = [p.words for p in (i.problem(monotonic()) for i in inboxes if i.sizes) if p]
+            wrong = [
+                p.words for p in (i.problem(monotonic()) for i in inboxes if i.layout.sizes) if p
+            ]
             raise ParapodError(
                 f"no commands in {_BEGINNING:g} s: {'; '.join(wrong)}; others publish {there} on "
                 f"{self.bus.name}"
@@ -258,7 +269,7 @@ class ServedStation:
     @property
     def _neutral(self) -> tuple[float]:
         """Number of parts that are neutral, of those that take commands."""
-        return (float(sum(part.is_neutral for part in self.parts if part.inbox.sizes)),)
+        return (float(sum(part.is_neutral for part in self.parts if part.inbox.layout.sizes)),)
 
 
 def _within[V](part: str, named: Mapping[str, V]) -> dict[str, V]:

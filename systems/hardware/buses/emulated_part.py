@@ -1,10 +1,11 @@
 """An emulated part behind a bus: between its channels and the wires of a simulated machine."""
 
 import threading
-from collections.abc import Callable
 from typing import Self
 
+from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus
+from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.message import Layout, Message
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.clock import monotonic, wait
@@ -26,24 +27,22 @@ class EmulatedBusPart:
     def __init__(
         self,
         part: str,
-        open_bus: Callable[[], Bus],
+        address: Address,
         harness: Harness,
         misbehaviour: Misbehaviour | None = None,
         *,
-        suffix: str = "",
         rate: float = 100.0,
     ):
         """Describes the part; its channels are open within a `with` block.
 
         Args:
             part: name of the part.
-            open_bus: opens the bus.
+            address: address of the bus.
             harness: the wires.
             misbehaviour: faults of the part.
-            suffix: end of the channels' names, of one machine of several.
             rate: messages a second [Hz].
         """
-        self.part, self._open, self._suffix, self._rate = part, open_bus, suffix, rate
+        self.part, self._address, self._rate = part, address, rate
         self._harness, self._misbehaviour = harness, misbehaviour or Misbehaviour()
         signals = harness.signals_of(part)
         self._idle = {n: idle for n, (_, idle) in signals.items() if idle is not None}
@@ -56,11 +55,8 @@ class EmulatedBusPart:
 
     def __enter__(self) -> Self:
         self._over.clear()
-        self._bus = self._open()
-        served = ServedPart(
-            *(self.part, self._bus, self._measures, self._commands, self._idle),
-            suffix=self._suffix,
-        )
+        self._bus = connect(self._address, f"emulated_{self.part}")
+        served = ServedPart(self.part, self._bus, self._measures, self._commands, self._idle)
         self._thread = threading.Thread(target=self._run, args=(served,), daemon=True)
         self._thread.start()
         return self

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cache, lru_cache, partial
 
 from parapod.systems.core.quoting import quoted
+from parapod.systems.hardware.buses.address import LCM, Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox
 from parapod.systems.hardware.buses.message import Message
 from parapod.systems.hardware.clock import monotonic
@@ -29,18 +30,19 @@ class LcmBus(Bus):
     `ttl=0`.
     """
 
-    def __init__(self, url: str = USUAL):
+    def __init__(self, address: Address = Address(LCM)):
         """Connects.
 
         Args:
-            url: such as "udpm://239.255.76.67:7667?ttl=0", or "memq://" within this program; "":
-                the usual one.
+            address: its place is such as "udpm://239.255.76.67:7667?ttl=0", or "memq://" within
+                this program; "": the usual one.
 
         Raises:
             DeviceError: an address that LCM does not take.
         """
         from pydrake.lcm import DrakeLcm
 
+        self.address, url = address, address.place
         self.url = local(url)
         self.name = f"LCM {self.url}"
         if not self.url.startswith(_PROVIDERS):

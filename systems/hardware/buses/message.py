@@ -32,17 +32,25 @@ class Layout:
     """Signals of a part with their sizes, as names in messages.
 
     Attributes:
+        part: name of the part.
         sizes: number of elements of each signal.
+        units: unit of each signal, as its port declares it; "" where that is not known.
         names: names of all elements, in order.
     """
 
-    def __init__(self, sizes: Mapping[str, int]):
+    def __init__(
+        self, sizes: Mapping[str, int], units: Mapping[str, str] | None = None, part: str = ""
+    ):
         """Names the elements.
 
         Args:
             sizes: number of elements of each signal, by its name within the part.
+            units: units of signals.
+            part: name of the part.
         """
+        self.part = part
         self.sizes = dict(sizes)
+        self.units = {name: (units or {}).get(name, "") for name in self.sizes}
         self.names = tuple(
             f"{signal}[{i}]" if size > 1 else signal
             for signal, size in self.sizes.items()

@@ -1,10 +1,12 @@
 """A part of a machine that another program serves on a bus."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 
 from parapod.systems.core.switching import switched
+from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox
+from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.message import ACTIVE, Layout, Message
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
@@ -31,13 +33,13 @@ class BusPart(Device):
     def __init__(
         self,
         part: str,
-        open_bus: Callable[[], Bus],
+        address: Address,
         measures: Mapping[str, int],
         commands: Mapping[str, int],
         *,
+        units: Mapping[str, str] | None = None,
         fail_safe: Collection[str] = (),
         place: str = "",
-        suffix: str = "",
         rate: float = 100.0,
         timeout: float = 0.1,
         patience: float = _PATIENCE,
@@ -46,23 +48,24 @@ class BusPart(Device):
 
         Args:
             part: name of the part.
-            open_bus: opens the bus.
+            address: address of the bus.
             measures: signals that it measures, and their sizes.
             commands: signals that it takes, and their sizes.
+            units: units of the signals, by which standard messages are known.
             fail_safe: those of the commands that are switches, see `Device`.
-            place: address of the bus.
-            suffix: end of the channels' names, of one machine of several.
+            place: address of the bus, for the lock against a second controller.
             rate: messages a second that it publishes [Hz].
             timeout: age from which its newest message is too old [s].
             patience: time for which its first message is waited for [s].
         """
         self.measures, self.commands = dict(measures), dict(commands)
         self.fail_safe = frozenset(fail_safe)
-        self._status, self._command = channels_of(part, suffix)
+        self._status, self._command = address.channels_of(part)
         self.place = f"{self._command} at {place}" if commands else ""
         self.name = f"{part} on {self._status if measures else self._command}"
-        self._open, self._rate, self._timeout, self._patience = open_bus, rate, timeout, patience
-        self._measured, self._commanded = Layout(self.measures), Layout(self.commands)
+        self._part, self._address, self._rate = part, address, rate
+        self._timeout, self._patience = timeout, patience
+        self._measured, self._commanded = Layout(self.measures, units, part), Layout(self.commands)
         self._names = (*self._commanded.names, ACTIVE)
         self._idle = [float(n.partition("[")[0] in self.fail_safe) for n in self._commanded.names]
         self._bus: Bus | None = None
@@ -76,7 +79,7 @@ class BusPart(Device):
             DeviceError: none comes; tells which channels there are.
         """
         self.close()
-        self._bus = self._open()
+        self._bus = connect(self._address, f"parapod_{self._part}")
         self._inbox = Inbox(self._status, self._measured, self._rate, self._timeout)
         if self.measures:
             self._bus.subscribe(self._inbox)
@@ -141,6 +144,7 @@ class BusPart(Device):
             switched(value) is not None for n in self.fail_safe for value in commands[n]
         )
         is_active = self._is_active and are_sure and all(map(math.isfinite, values))
+        is_active = is_active and not (self._bus and self._bus.stop)
         self._publish(values if is_active else self._idle, is_active)
 
     def neutral(self) -> None:
@@ -167,14 +171,3 @@ class BusPart(Device):
         self._is_active = False
         if bus is not None:
             bus.close()
-
-
-def channels_of(part: str, suffix: str = "") -> tuple[str, str]:
-    """Channels of a part's status and of its commands.
-
-    Args:
-        part: name of the part.
-        suffix: end of the names, of one machine of several.
-    """
-    name = part.upper()
-    return f"{name}_STATUS{suffix}", f"{name}_COMMAND{suffix}"

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 from parapod.systems.hardware.buses.bus import Bus, Inbox, Problem
 from parapod.systems.hardware.buses.message import Layout, Message, is_active
-from parapod.systems.hardware.buses.part import channels_of
-from parapod.systems.hardware.device import Signals
+from parapod.systems.hardware.device import DeviceFault, Signals
 
 # Silence of a controller that has given the part up, by the longest admissible one [-].
 _GIVEN_UP = 10.0
@@ -37,7 +36,7 @@ class ServedPart:
         commands: Mapping[str, int],
         idle: Mapping[str, float],
         *,
-        suffix: str = "",
+        units: Mapping[str, str] | None = None,
         timeout: float = 0.1,
     ):
         """Opens its channels.
@@ -48,15 +47,16 @@ class ServedPart:
             measures: signals that it measures, and their sizes.
             commands: signals that it takes, and their sizes.
             idle: value of each command while the part is neutral.
-            suffix: end of the channels' names, of one machine of several.
+            units: units of signals, for buses that have messages of their own for some.
             timeout: age from which the newest command is too old [s].
         """
         self.part, self._bus = part, bus
-        self.status, command = channels_of(part, suffix)
-        self._layout = Layout({**measures, **commands})
+        self.status, command = bus.address.channels_of(part)
+        self._layout = Layout({**measures, **commands}, units, part)
+        bus.advertise(self.status, self._layout)
         self.sizes = self._layout.sizes
         self._idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
-        self.inbox = Inbox(command, Layout(commands), math.inf, timeout)
+        self.inbox = Inbox(command, Layout(commands, units, part), math.inf, timeout)
         self._given_up = _GIVEN_UP * timeout
         self.latched: Problem | None = None
         self.is_neutral, self._has_begun = True, False
@@ -80,6 +80,8 @@ class ServedPart:
             now: time of devices [s].
         """
         newest, problem = self.inbox.newest, self.inbox.problem(now)
+        if self._bus.stop:
+            problem = Problem(DeviceFault.FAILED, self._bus.stop)
         self.is_neutral = True
         if newest is None:
             return self._idle

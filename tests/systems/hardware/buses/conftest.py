@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from parapod.systems.hardware.buses.address import LCM, Address
 from parapod.systems.hardware.buses.bus import Inbox
 from parapod.systems.hardware.buses.lcm import LcmBus
 from parapod.systems.hardware.buses.message import Layout, Message
@@ -26,7 +27,7 @@ def lcm_url():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("", 0))
         url = f"udpm://239.255.76.67:{free.getsockname()[1]}?ttl=0"
-    one, other = LcmBus(url), LcmBus(url)
+    one, other = LcmBus(Address(LCM, url)), LcmBus(Address(LCM, url))
     inbox = Inbox("HELLO", Layout({"word": 1}), 1e9, 1.0)
     one.subscribe(inbox)
     end = time.monotonic() + _PATIENCE

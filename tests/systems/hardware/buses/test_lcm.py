@@ -9,7 +9,7 @@ from drake import lcmt_drake_signal, lcmt_scope
 from pydrake.lcm import DrakeLcm
 
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.buses.address import address_of, is_address
+from parapod.systems.hardware.buses.address import LCM, Address, address_of, is_address
 from parapod.systems.hardware.buses.bus import Inbox
 from parapod.systems.hardware.buses.lcm import USUAL, LcmBus, decoded, encoded, local
 from parapod.systems.hardware.buses.message import Layout, Message
@@ -22,7 +22,7 @@ LAYOUT = Layout({"position": 2})
 
 @pytest.fixture
 def buses(lcm_url):
-    both = LcmBus(lcm_url), LcmBus(lcm_url)
+    both = LcmBus(Address(LCM, lcm_url)), LcmBus(Address(LCM, lcm_url))
     yield both
     for bus in both:
         bus.close()
@@ -112,17 +112,16 @@ def test_channels_are_those_of_others(buses):
     assert "MINE" not in ours.channels()
 
 
-def test_a_part_that_nobody_serves_says_what_there_is(buses, lcm_url):
+def test_a_part_that_nobody_serves_says_what_there_is(buses, lcm_url, monkeypatch):
     _, theirs = buses
-    part = BusPart("legs", lambda: LcmBus(lcm_url), {"position": 2}, {}, patience=1.0)
-    opened = []
 
-    def bus():
-        opened.append(LcmBus(lcm_url))
-        until(lambda: theirs.publish("ARM_STATUS", Message((), (), 1.0)) or opened[0].channels())
-        return opened[0]
+    def heard(address, name):
+        bus = LcmBus(address)
+        until(lambda: theirs.publish("ARM_STATUS", Message((), (), 1.0)) or bus.channels())
+        return bus
 
-    part = BusPart("legs", bus, {"position": 2}, {}, patience=0.1)
+    monkeypatch.setattr("parapod.systems.hardware.buses.part.connect", heard)
+    part = BusPart("legs", Address(LCM, lcm_url), {"position": 2}, {}, patience=0.1)
     with pytest.raises(DeviceError) as caught:
         part.configure()
     assert caught.value.fault is DeviceFault.UNPLUGGED
@@ -148,13 +147,13 @@ def test_messages_stay_on_this_computer_unless_they_are_sent_farther(given, url)
 
 
 def test_addresses_tell_the_bus_the_place_and_the_suffix():
-    assert address_of("lcm", "bus") == ("lcm", "", "")
-    assert address_of("lcm://#_LEFT", "bus") == ("lcm", "", "_LEFT")
+    assert address_of("lcm", "bus") == Address(LCM)
+    assert address_of("lcm://#_LEFT", "bus") == Address(LCM, "", "_LEFT")
     text = "lcm://239.255.76.67:7000?ttl=1#_2"
-    assert address_of(text, "bus") == ("lcm", "239.255.76.67:7000?ttl=1", "_2")
+    assert address_of(text, "bus") == Address(LCM, "udpm://239.255.76.67:7000?ttl=1", "_2")
     assert is_address("lcm://")
     assert not is_address("my_file.py:make")
-    with pytest.raises(ScenarioError, match="bus = 'ros1://' must begin with lcm"):
+    with pytest.raises(ScenarioError, match="bus = 'ros1://' must begin with lcm or ros2"):
         address_of("ros1://", "bus")
 
 
@@ -162,5 +161,5 @@ def test_an_address_that_lcm_does_not_take_is_refused_in_a_line():
     with pytest.raises(
         DeviceError, match="'nothing://' must begin with udpm:, memq:, tcpq:, mpudpm:"
     ) as caught:
-        LcmBus("nothing://")
+        LcmBus(Address(LCM, "nothing://"))
     assert "\n" not in str(caught.value)

@@ -1,5 +1,6 @@
 """A part on a bus: neutral without commands, obeying, latched after silence, given up."""
 
+from parapod.systems.hardware.buses.address import LCM, Address
 from parapod.systems.hardware.buses.message import Message
 from parapod.systems.hardware.buses.served_part import ServedPart
 
@@ -10,8 +11,13 @@ NEUTRAL = {"voltage": (0.0, 0.0), "brake": (1.0,)}
 class Wire:
     """A bus whose other end is the test."""
 
+    address, stop = Address(LCM), ""
+
     def __init__(self):
         self.published, self.inboxes = [], []
+
+    def advertise(self, channel, layout):
+        pass
 
     def publish(self, channel, message):
         self.published.append((channel, message))
@@ -95,3 +101,20 @@ def test_a_wrong_command_latches_it():
     order(inbox, 2.01, names=NAMES[:2])
     assert part.commands(2.01) == NEUTRAL
     assert "LEGS_COMMAND: lacks brake" in part.latched.words
+
+
+def test_parts_that_others_stop_are_neutral_until_they_let_go_and_the_controller_gives_up():
+    part, inbox, wire = served()
+    order(inbox, 2.0)
+    part.commands(2.0)
+    wire.stop = "/station/stop is true"
+    order(inbox, 2.01)
+    assert part.commands(2.01) == NEUTRAL
+    assert part.latched.words == "/station/stop is true"
+    wire.stop = ""
+    order(inbox, 2.02)
+    assert part.commands(2.02) == NEUTRAL
+    order(inbox, 2.03, active=0.0)
+    part.commands(2.03)
+    order(inbox, 2.04)
+    assert part.commands(2.04) != NEUTRAL

@@ -1,0 +1,167 @@
+"""Messages of a part as ROS 2 has them: arrays with names, and standard ones by units.
+
+Functions here take and fill messages by their fields, and need no library of ROS 2.
+"""
+
+from array import array
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from parapod.systems.core.units import units_of
+from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+
+ARRAY = "std_msgs/msg/Float64MultiArray"
+"""Type of a part's own messages."""
+STAMP = "stamp"
+"""Label of the first value of an array: the sender's time [s]."""
+
+JOINTS, IMU, FIELD = (
+    "sensor_msgs/msg/JointState",
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/MagneticField",
+)
+TOPICS = {JOINTS: "joint_states", IMU: "imu", FIELD: "magnetic_field"}
+"""Names of the topics of standard messages, beside the part's own."""
+
+# Units of the fields of standard messages; the first field of each type is necessary. Those of
+# joints have any number of elements, others x, y and z [ROS 2, sensor_msgs].
+_FIELDS: dict[str, dict[str, set[str]]] = {
+    JOINTS: {"position": {"m", "rad"}, "velocity": {"m/s", "rad/s"}, "effort": {"N", "N m"}},
+    IMU: {"angular_velocity": {"rad/s"}, "linear_acceleration": {"m/s^2"}},
+    FIELD: {"magnetic_field": {"T"}},
+}
+_AXES = ("x", "y", "z")
+
+
+def standard(layout: Layout) -> dict[str, dict[str, str]]:
+    """Types of standard messages that a part's signals fill, with the signal of each field.
+
+    Args:
+        layout: signals of the part, with their units; of two that fit a field the first counts,
+            and commands fit none.
+    """
+    fitting: dict[str, dict[str, str]] = {}
+    for kind, fields in _FIELDS.items():
+        signals: dict[str, str] = {}
+        for field, units in fields.items():
+            size = layout.sizes.get(next(iter(signals.values()), ""))
+            for name, own in layout.sizes.items():
+                fits = own == (3 if kind != JOINTS else size or own)
+                if fits and own and not name.endswith("_command") and _has(layout, name, units):
+                    signals[field] = name
+                    break
+        if len(signals) == len(fields) or (kind == JOINTS and "position" in signals):
+            fitting[kind] = signals
+    return fitting
+
+
+def _has(layout: Layout, name: str, units: set[str]) -> bool:
+    unit = layout.units[name]
+    return bool(unit) and set(units_of(unit, layout.sizes[name])) <= units
+
+
+def joint_names(part: str, size: int) -> list[str]:
+    """Names of a part's joints, as in `legs_1`."""
+    return [f"{part}_{i + 1}" for i in range(size)]
+
+
+def fill(
+    message: Any,
+    kind: str,
+    part: str,
+    signals: Mapping[str, str],
+    values: Mapping[str, Sequence[float]],
+) -> None:
+    """Puts values into the fields of a standard message; its header is left alone.
+
+    Args:
+        message: message of the type.
+        kind: the type.
+        part: name of the part.
+        signals: signal of each field, see `standard`.
+        values: values of the signals.
+    """
+    for field, name in signals.items():
+        numbers = values[name]
+        if kind == JOINTS:
+            setattr(message, field, array("d", numbers))
+        else:
+            vector = getattr(message, field)
+            for axis, number in zip(_AXES, numbers, strict=True):
+                setattr(vector, axis, float(number))
+    if kind == JOINTS:
+        message.name = joint_names(part, len(values[signals["position"]]))
+    if kind == IMU:
+        message.orientation_covariance[0] = -1.0  # it has no orientation
+
+
+def values_of(kind: str, message: Any, layout: Layout) -> Message:
+    """Names and values of a message that came.
+
+    An array without labels has its values in the order of the layout. Joints are known by the
+    names that `joint_names` gives, or by their order where they have others.
+
+    Args:
+        kind: type of the message.
+        message: the message.
+        layout: signals that are wanted of it.
+
+    Raises:
+        WrongMessage: values that cannot be told apart.
+    """
+    if kind == ARRAY:
+        return _of_array(message, layout)
+    stamp = message.header.stamp
+    time = stamp.sec + 1e-9 * stamp.nanosec
+    names: list[str] = []
+    values: list[float] = []
+    for field, name in standard(layout).get(kind, {}).items():
+        size = layout.sizes[name]
+        numbers = _field(kind, message, field, joint_names(layout.part, size))
+        names += [f"{name}[{i}]" if size > 1 else name for i in range(len(numbers))]
+        values += numbers
+    return Message(names, values, time)
+
+
+def _field(kind: str, message: Any, field: str, wanted: Sequence[str]) -> list[float]:
+    content = getattr(message, field)
+    if kind != JOINTS:
+        return [getattr(content, axis) for axis in _AXES]
+    own = list(message.name)
+    if len(own) != len(content):
+        raise WrongMessage(f"has {len(own)} names of joints for {len(content)} of {field}")
+    if set(wanted) <= set(own):
+        return [content[own.index(name)] for name in wanted]
+    if len(own) != len(wanted):
+        raise WrongMessage(f"has the joints {', '.join(own)}, not {', '.join(wanted)}")
+    return list(content)
+
+
+def _of_array(message: Any, layout: Layout) -> Message:
+    values = tuple(message.data)
+    labels = [(each.label, each.size) for each in message.layout.dim]
+    if not labels:
+        if len(values) != len(layout.names):
+            raise WrongMessage(
+                f"has {len(values)} values without labels, not the {len(layout.names)} of "
+                f"{', '.join(layout.names)}"
+            )
+        return Message(layout.names, values, 0.0)
+    names = [f"{n}[{i}]" if size > 1 else n for n, size in labels for i in range(size)]
+    if len(names) != len(values):
+        raise WrongMessage(f"has labels of {len(names)} values for {len(values)}")
+    if STAMP not in names:
+        return Message(names, values, 0.0)
+    at = names.index(STAMP)
+    return Message(
+        names[:at] + names[at + 1 :], (*values[:at], *values[at + 1 :]), float(values[at])
+    )
+
+
+def labels_of(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Labels of an array and the number of values of each, the time's first."""
+    labels = {STAMP: 1}
+    for name in names:
+        signal = name.partition("[")[0]
+        labels[signal] = labels.get(signal, 0) + 1
+    return list(labels.items())

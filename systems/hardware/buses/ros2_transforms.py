@@ -1,0 +1,150 @@
+"""Poses of a machine's links on /tf, by ROS 2's own type or in its place.
+
+`tf2_msgs` is not among the packages of ROS 2 on PyPI. Where it is not installed, the same messages
+go out by CycloneDDS, whose types are made as they are used; any node on the graph takes them.
+"""
+
+import importlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from parapod.systems.core.extras import need
+from parapod.systems.hardware.buses.address import Address
+from parapod.systems.hardware.buses.bus import Poses
+
+WORLD = "world"
+"""Frame of which all links are children."""
+# Interface by which nodes of this computer find each other.
+_HERE = """<CycloneDDS><Domain><General>
+<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>
+</General></Domain></CycloneDDS>"""
+
+
+class TransformWriter:
+    """Writes /tf."""
+
+    def __init__(self, node: Any, address: Address):
+        """Begins the topic.
+
+        Args:
+            node: node of the bus.
+            address: address of the bus.
+
+        Raises:
+            MissingExtra: there is neither `tf2_msgs` nor `cyclonedds`.
+        """
+        self._writer = _ros_writer(node) or _CycloneWriter(node, address)
+
+    def write(self, poses: Poses, time: float) -> None:
+        """Writes poses.
+
+        Args:
+            poses: position (3) [m] and quaternion (w, x, y, z) of each link in `WORLD`.
+            time: time of the machine [s].
+        """
+        self._writer.write(poses, round(1e9 * max(time, 0.0)))
+
+    def close(self) -> None:
+        """Ends the topic."""
+        self._writer.close()
+
+
+class _Writer:
+    """Fills messages of any classes with the fields of `tf2_msgs/msg/TFMessage`."""
+
+    def __init__(self, kinds: Mapping[str, Any], publish: Any):
+        self._kinds, self._publish = kinds, publish
+
+    def write(self, poses: Poses, nanoseconds: int) -> None:
+        """Writes poses at a time [ns]."""
+        kinds = self._kinds
+        stamp = kinds["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        header = kinds["Header"](stamp=stamp, frame_id=WORLD)
+        transforms = []
+        for name, (position, turn) in poses.items():
+            x, y, z = map(float, position)
+            w, *axis = map(float, turn)
+            transform = kinds["Transform"](
+                translation=kinds["Vector3"](x=x, y=y, z=z),
+                rotation=kinds["Quaternion"](x=axis[0], y=axis[1], z=axis[2], w=w),
+            )
+            transforms.append(
+                kinds["TransformStamped"](header=header, child_frame_id=name, transform=transform)
+            )
+        self._publish(kinds["TFMessage"](transforms=transforms))
+
+    def close(self) -> None:
+        """Nothing is left open."""
+
+
+def _ros_writer(node: Any) -> _Writer | None:
+    """By the types of ROS 2; None where they are not installed."""
+    try:
+        message = importlib.import_module("tf2_msgs.msg").TFMessage
+    except ImportError:
+        return None
+    geometry, std = need("geometry_msgs.msg"), need("std_msgs.msg")
+    names = ("Transform", "Vector3", "Quaternion", "TransformStamped")
+    kinds = {name: getattr(geometry, name) for name in names}
+    kinds |= {"Header": std.Header, "Time": need("builtin_interfaces.msg").Time}
+    publisher = node.create_publisher(message, "/tf", 100)
+    return _Writer(kinds | {"TFMessage": message}, publisher.publish)
+
+
+class _CycloneWriter(_Writer):
+    """By CycloneDDS, with the names that ROS 2 gives topics and types on the wire."""
+
+    def __init__(self, node: Any, address: Address):
+        domains, qos = need("cyclonedds.domain"), need("cyclonedds.qos")
+        number = node.context.get_domain_id()
+        # One of this program may be open already; it is as it was asked for then.
+        is_local = "range=subnet" not in address.place
+        self._domain = None
+        with suppress(need("cyclonedds.core").DDSException):
+            self._domain = domains.Domain(number, _HERE) if is_local else None
+        self._participant = domains.DomainParticipant(number)
+        kinds = _cyclone_types()
+        policy = qos.Qos(
+            qos.Policy.Reliability.Reliable(max_blocking_time=0), qos.Policy.History.KeepLast(100)
+        )
+        topic = need("cyclonedds.topic").Topic(
+            self._participant, "rt/tf", kinds["TFMessage"], qos=policy
+        )
+        writer = need("cyclonedds.pub").DataWriter(self._participant, topic, qos=policy)
+        super().__init__(kinds, writer.write)
+        self._open = writer, topic
+
+    def close(self) -> None:
+        """See `_Writer`."""
+        del self._open, self._participant, self._domain
+
+
+def _cyclone_types() -> dict[str, Any]:
+    """Classes of the messages [ROS 2: builtin_interfaces, std_msgs, geometry_msgs, tf2_msgs]."""
+    types = need("cyclonedds.idl.types")
+    make = _struct
+    time = make("builtin_interfaces", "Time", {"sec": types.int32, "nanosec": types.uint32})
+    header = make("std_msgs", "Header", {"stamp": time, "frame_id": str})
+    number = types.float64
+    vector = make("geometry_msgs", "Vector3", dict.fromkeys("xyz", number))
+    turn = make("geometry_msgs", "Quaternion", dict.fromkeys("xyzw", number))
+    transform = make("geometry_msgs", "Transform", {"translation": vector, "rotation": turn})
+    stamped = make(
+        "geometry_msgs",
+        "TransformStamped",
+        {"header": header, "child_frame_id": str, "transform": transform},
+    )
+    message = make("tf2_msgs", "TFMessage", {"transforms": types.sequence[stamped]})
+    made = (time, header, vector, turn, transform, stamped, message)
+    return {kind.__name__: kind for kind in made}
+
+
+def _struct(package: str, name: str, fields: Mapping[str, Any]) -> Any:
+    """A class of messages, by its name on the wire."""
+    root = need("cyclonedds.idl").IdlStruct
+    contents = {"__annotations__": dict(fields), "__module__": __name__}
+    return dataclass(
+        type(root)(name, (root,), contents, typename=f"{package}::msg::dds_::{name}_")
+    )
