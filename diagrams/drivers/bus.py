@@ -139,8 +139,9 @@ class Ros2Part(_BusPart):
 
     @property
     def _place(self) -> str:
-        address = self._address
-        return resolved(self.ros2_graph) if not address.place else f"{ROS2}://{address.place}"
+        path = resolved(self.ros2_graph)
+        domain = self._address.place.partition("?")[0]
+        return path if path != self.ros2_graph else f"{ROS2}://{domain}"
 
 
 PARTS: dict[str, type[Driver]] = {LCM: LcmPart, ROS2: Ros2Part}

@@ -16,6 +16,16 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 LABELS = {"stamp": 1, "voltage": 4, "stop": 1, "active": 1}
+ESTIMATES = {"stamp": 1, "attitude_estimated": 2}
+
+
+def array(labels):
+    """A message whose values have labels."""
+    message = Float64MultiArray()
+    message.layout.dim = [
+        MultiArrayDimension(label=label, size=size, stride=size) for label, size in labels.items()
+    ]
+    return message
 
 
 def main():
@@ -24,10 +34,8 @@ def main():
     rclpy.init()
     node, leveller, newest = rclpy.create_node("leveller"), Leveller(), {}
     commands = node.create_publisher(Float64MultiArray, "/legs/command", 10)
-    command = Float64MultiArray()
-    command.layout.dim = [
-        MultiArrayDimension(label=label, size=size, stride=size) for label, size in LABELS.items()
-    ]
+    estimates = node.create_publisher(Float64MultiArray, "/controller/status", 10)
+    command, estimate = array(LABELS), array(ESTIMATES)
 
     def take_legs(joints):
         newest["legs"] = list(joints.position)
@@ -41,6 +49,9 @@ def main():
             voltages = leveller.voltages(newest["legs"], newest["imu"])
             command.data = [station.data[0], *voltages, 0.0, 1.0]
             commands.publish(command)
+            # By which RViz shows the machine; a levelling controller needs none of it.
+            estimate.data = [station.data[0], *leveller.inclination]
+            estimates.publish(estimate)
 
     node.create_subscription(JointState, "/legs/joint_states", take_legs, qos_profile_sensor_data)
     node.create_subscription(Imu, "/imu/imu", take_imu, qos_profile_sensor_data)

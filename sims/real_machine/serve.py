@@ -3,24 +3,31 @@
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.bus_controller import bus_controller
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import Machine
+from parapod.diagrams.wiring import inputs_of, outputs_of
+from parapod.sims.output.drawn_bodies import frames, robot_description
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import logged, punctuality_of, run_on_hardware
 from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, undisturbed
 from parapod.systems.core.errors import ScenarioError
-from parapod.systems.hardware.buses.controller import BusController, Sizes
+from parapod.systems.core.ports import read
+from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
 from parapod.systems.hardware.signals import ended_by_signals
 
 # Longer than anybody serves a machine [s].
 _FOREVER = 1e6
 # Delay up to which instants are made up for [s].
 _PATIENCE = 0.05
+# Period of pictures [s].
+_PICTURE = 0.05
 
 
 def serve(
@@ -48,7 +55,9 @@ def serve(
         raise ScenarioError(f"{key} must be empty: the controller is on the bus", key)
     period = scenario.control.period
     one = machine.for_scenario(scenario)
-    controller = bus_controller(one, period, address, "the bus", patience=0.0)
+    # Its signals, such as estimates, may come from the controller on the bus, and be logged.
+    usual = one.controller(one.scenario())
+    controller = bus_controller(one, period, address, "the bus", usual, patience=0.0)
     loop = ClosedLoop(machine, scenario, controller=controller, sources=())
     until, what = min(duration, _FOREVER), f"{machine.experiment} on {controller.station.bus.name}"
 
@@ -59,11 +68,12 @@ def serve(
         stack.enter_context(ended_by_signals())
         stack.callback(controller.close)
         introduce(controller, f"{machine.title}, {scenario.backend}", period, say)
-        news = _News(controller, say)
+        news, scene = _News(controller, say), _Scene(one, scenario, controller, say)
         if scenario.backend == "hardware":
 
             def look(root: Context) -> bool:
                 news.tell(root)
+                scene.show(root)
                 return root.get_time() >= until
 
             return run_on_hardware(loop, loop.simulator(), math.inf, options, what, look)
@@ -77,6 +87,7 @@ def serve(
         def on_tick(root: Context) -> None:
             write(root.get_time())
             news.tell(root)
+            scene.show(root)
 
         with undisturbed(()):
             running = RealTimeLoop(simulator, period, on_tick, is_strict=False, patience=_PATIENCE)
@@ -111,6 +122,60 @@ def introduce(
 
 def _listed(sizes: Sizes) -> str:
     return ", ".join(f"{name}[{size}]" if size > 1 else name for name, size in sizes.items())
+
+
+class _Scene:
+    """Shows the machine to the tools of its bus, where that has some: poses of its links."""
+
+    def __init__(
+        self,
+        machine: Machine[Any],
+        scenario: Any,
+        controller: BusController,
+        say: Callable[[str], None],
+    ):
+        self._controller, self._next = controller, 0.0
+        self._twin: Any = None
+        bus, kind = controller.station.bus, machine.view.twin
+        if not bus.draws or kind is None:
+            return
+        inputs, outputs = inputs_of(controller), outputs_of(controller)
+        self._ports: dict[str, Any] = {
+            n: p for n, p in {**inputs, **outputs}.items() if n in kind.signals
+        }
+        self._needed = sorted(kind.needed)
+        if missing := kind.needed - self._ports.keys():
+            say(f"  is not drawn: nothing on the bus tells {', '.join(sorted(missing))}")
+            return
+        if estimates := kind.needed - inputs.keys():
+            channel = bus.address.channels_of(CONTROLLER).status
+            say(f"  is drawn once {channel} has {', '.join(sorted(estimates))}")
+        self._twin = kind(None, scenario)
+        # What Drake makes at the first picture is made now, and not within an instant.
+        simulated = replace(scenario, backend=machine.scenario().backend)
+        usual = ClosedLoop(machine, simulated)
+        context = usual.CreateDefaultContext()
+        first = {name: np.array(take()) for name, take in usual.readings(context).items()}
+        self._twin.show({name: first[name] for name in self._ports if name in first}, 0.0)
+        frames(self._twin)
+        bus.describe(robot_description(self._twin, machine.name))
+
+    def show(self, root: Context) -> None:
+        """Shows the machine as its signals are, some times a second."""
+        time = root.get_time()
+        if self._twin is None or time < self._next:
+            return
+        self._next = time + _PICTURE
+        context = self._controller.GetMyContextFromRoot(root)
+        values = {n: np.array(read(p, context)) for n, p in self._ports.items()}
+        if not all(np.isfinite(values[name]).all() for name in self._needed):
+            return
+        self._twin.show({n: v for n, v in values.items() if np.isfinite(v).all()}, time)
+        poses = {
+            name: (pose.translation(), pose.rotation().ToQuaternion().wxyz())
+            for name, pose in frames(self._twin).items()
+        }
+        self._controller.station.bus.place(poses, time)
 
 
 class _News:

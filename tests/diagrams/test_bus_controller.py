@@ -1,8 +1,11 @@
 """A platform whose controller is another program: levelled, and safe when that is killed."""
 
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -21,48 +24,64 @@ from tests.systems.hardware.buses.conftest import lcm_url, until  # noqa: F401
 EXAMPLES = Path(__file__).parents[2] / "examples" / "buses"
 
 
-def loop_of(url, *settings):
-    address = f"control.controller=lcm://{url.removeprefix('udpm://')}"
-    overrides = (address, "backend=kinematic", *settings)
+def loop_of(address, *settings):
+    overrides = (f"control.controller={address}", "backend=kinematic", *settings)
     return ClosedLoop(PLATFORM, load_scenario(PLATFORM.scenario, overrides=overrides))
 
 
 @pytest.fixture
-def controller(lcm_url):  # noqa: F811
-    pytest.importorskip("lcm", reason="the example needs LCM's own library")
+def lcm_address(lcm_url):  # noqa: F811
+    return f"lcm://{lcm_url.removeprefix('udpm://')}"
+
+
+@pytest.fixture(params=["lcm", "ros2"])
+def foreign(request):
+    """Address of a bus, and a program on it that has nothing of parapod's."""
+    if request.param == "lcm":
+        pytest.importorskip("lcm", reason="the example needs LCM's own library")
+        address = request.getfixturevalue("lcm_address")
+        arguments, environment = [address.replace("lcm://", "udpm://")], {}
+    else:
+        pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+        domain = str(1 + crc32(f"{os.getpid()} {time.time_ns()}".encode()) % 100)
+        address, arguments, environment = f"ros2://{domain}", [], {"ROS_DOMAIN_ID": domain}
     program = subprocess.Popen(
-        [sys.executable, "level_lcm.py", lcm_url], cwd=EXAMPLES, stderr=subprocess.PIPE
+        [sys.executable, f"level_{request.param}.py", *arguments],
+        cwd=EXAMPLES,
+        stderr=subprocess.PIPE,
+        env=os.environ | environment,
     )
-    yield program
+    yield address, program
     program.kill()
     program.communicate()
 
 
-def test_another_program_levels_the_platform_and_its_end_leaves_it_neutral(controller, lcm_url):  # noqa: F811
-    loop = loop_of(lcm_url, "ground={roll_deg: 2, pitch_deg: 3}")
+def test_another_program_levels_the_platform_and_its_end_leaves_it_neutral(foreign):
+    address, program = foreign
+    loop = loop_of(address, "ground={roll_deg: 2, pitch_deg: 3}")
     simulator = loop.simulator()
     station = loop.controller.station
 
     def heard():  # by a program that takes its time to begin
-        station.bus.publish("HELLO", _nothing())
-        return controller.poll() is not None or _answers(loop, simulator)
+        station.bus.publish("/hello", _nothing())
+        return program.poll() is not None or _answers(loop, simulator)
 
     until(heard, 60.0)
-    assert controller.poll() is None, controller.stderr.read().decode()
+    assert program.poll() is None, program.stderr.read().decode()
     simulator.AdvanceTo(8.0)
     recording = loop.recording(simulator.get_context())
     roll, pitch, _ = np.degrees(recording["truth.posture"]).T
     assert abs(roll[0]) + abs(pitch[0]) > 4.5
     assert np.hypot(roll[-1], pitch[-1]) < 0.1
     assert np.abs(recording["legs.voltage"]).max() > 0.5
-    controller.kill()
-    controller.wait()
+    program.kill()
+    program.wait()
     simulator.AdvanceTo(8.05)
     context = loop.controller.GetMyContextFromRoot(simulator.get_context())
     np.testing.assert_array_equal(loop.controller.GetOutputPort("legs.voltage").Eval(context), 0.0)
     (legs,) = (part for part in station.parts if part.part == "legs")
     assert legs.is_neutral
-    assert "no message on LEGS_COMMAND" in legs.latched.words
+    assert f"no message on {station.bus.address.channels_of('legs').command}" in legs.latched.words
     loop.controller.close()
 
 
@@ -81,8 +100,8 @@ def _answers(loop, simulator):
     return True
 
 
-def test_a_controller_that_is_not_there_is_told_of_in_a_line(lcm_url):  # noqa: F811
-    loop = loop_of(lcm_url)
+def test_a_controller_that_is_not_there_is_told_of_in_a_line(lcm_address):
+    loop = loop_of(lcm_address)
     with pytest.raises(ParapodError) as caught:
         loop.simulator().AdvanceTo(0.05)
     loop.controller.close()
@@ -131,8 +150,8 @@ def test_every_machine_may_have_all_of_its_parts_on_a_bus(machine, kind):
 
 
 @pytest.mark.parametrize("backend", ["hardware", "kinematic"])
-def test_a_real_machine_waits_for_no_controller(lcm_url, backend):  # noqa: F811
-    address = f"lcm://{lcm_url.removeprefix('udpm://')}"
+def test_a_real_machine_waits_for_no_controller(lcm_address, backend):
+    address = lcm_address
     overrides = (f"control.controller={address}", f"backend={backend}")
     scenario = load_scenario(PLATFORM.scenario, overrides=overrides)
     controller = PLATFORM.for_scenario(scenario).controller_of(scenario)

@@ -370,6 +370,17 @@ ROWS = {
         faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
         timeout=0.1,
     ),
+    "Ros2Part": Row(
+        library="rclpy",
+        real={"ros2_graph": "ros2://77"},
+        measures={"position": 2, "velocity": 2},
+        commands={"velocity_command": 2, "brake": 1},
+        truth=("position", (0.7, -0.3), 1e-9),
+        order={"velocity_command": (0.02, 0.01), "brake": (0.0,)},
+        rest={"velocity_command": (0.0, 0.0), "brake": (1.0,)},
+        faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
+        timeout=0.1,
+    ),
     "NotFittedPart": Row(library="", measures={"angle": 1}, commands={"position_command": 1}),
 }
 EMULATED = [name for name in ROWS if name != "NotFittedPart"]
@@ -399,7 +410,8 @@ LARGEST = {
 OBEYING = [
     name
     for name in DRIVING
-    if name != "LcmPart" and ("stop" not in ROWS[name].order or len(ROWS[name].order) > 1)
+    if name not in ("LcmPart", "Ros2Part")
+    and ("stop" not in ROWS[name].order or len(ROWS[name].order) > 1)
 ]
 FAULTS = [(name, kind) for name in PROGRAMS for kind in ROWS[name].faults]
 REMEMBERING = [name for name in PROGRAMS if ROWS[name].memory]
@@ -689,6 +701,7 @@ def test_one_address_by_two_names_has_one_lock(tmp_path, monkeypatch, name):
         "port": ("adapter", f"{tmp_path}/adapter", f"{tmp_path}/tty"),
         "address": ("0.0", "/dev/spidev0.0"),
         "target": ("localhost:31763", "127.0.0.1:31763", "[::1]:31763"),
+        "ros2_graph": ("ros2://7", "ros2://7?range=subnet", "ros2://7"),
         "lcm_url": ("", "udpm://239.255.76.67:7667", "udpm://239.255.76.67:7667?ttl=0"),
     }
     (key,) = ROWS[name].real

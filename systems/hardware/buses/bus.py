@@ -3,13 +3,15 @@
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
+
+from numpy.typing import ArrayLike
 
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.device import DeviceFault
 
-type Poses = Mapping[str, tuple[Sequence[float], Sequence[float]]]
+type Poses = Mapping[str, tuple[ArrayLike, ArrayLike]]
 
 # A sender's clock that goes on by so much more or less than ours has jumped [s].
 JUMP = 1.0
@@ -143,7 +145,10 @@ class Bus(ABC):
     Attributes:
         name: kind and address, as errors call it.
         address: address of the bus, which names the channels.
+        draws: true if its tools draw machines by `describe` and `place`.
     """
+
+    draws: ClassVar[bool] = False
 
     name: str
     address: Address

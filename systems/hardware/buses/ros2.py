@@ -51,6 +51,8 @@ class Ros2Bus(Bus):
     neutral.
     """
 
+    draws = True
+
     def __init__(self, address: Address, name: str = "parapod"):
         """Makes the node.
 
@@ -90,7 +92,7 @@ class Ros2Bus(Bus):
         self._arrays: dict[tuple[str, tuple[str, ...]], Any] = {}
         self._views: dict[str, tuple[Layout, list[tuple[str, Mapping[str, str], Any, Any]]]] = {}
         self._inboxes: dict[str, list[Inbox]] = {}
-        self._taken: dict[str, dict[str, Any]] = {}
+        self._taken: dict[str, str] = {}
         self._counted: dict[str, int] = {}
         self._latches: dict[str, tuple[Any, object]] = {}
         self._is_active, self._is_stopped = False, False
@@ -214,7 +216,8 @@ class Ros2Bus(Bus):
         self._latch("station/emergency_stop", "std_msgs/msg/Bool", is_stopped)
 
     def describe(self, urdf: str) -> None:
-        """See `Bus`: /robot_description."""
+        """See `Bus`: /robot_description; and /tf begins."""
+        self._transforms = TransformWriter(self._node, self.address)
         self._latch("robot_description", "std_msgs/msg/String", urdf)
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
@@ -229,27 +232,25 @@ class Ros2Bus(Bus):
             self._latches[topic] = publisher, data
 
     def place(self, poses: Poses, time: float) -> None:
-        """See `Bus`: /tf."""
-        if self._transforms is None:
-            self._transforms = TransformWriter(self._node, self.address)
-        self._transforms.write(poses, time)
+        """See `Bus`: /tf, once the machine is described."""
+        if self._transforms is not None:
+            self._transforms.write(poses, time)
 
     def subscribe(self, inbox: Inbox) -> None:
         """See `Bus`."""
         self._inboxes.setdefault(inbox.channel, []).append(inbox)
-        self._take_type(inbox.channel, ARRAY)
 
     def _take_type(self, channel: str, kind: str) -> None:
-        taken = self._taken.setdefault(channel, {})
-        if kind not in taken:
-            qos = need("rclpy.qos")
-            profile = qos.QoSProfile(depth=10, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+        """Takes what is published in a type; the library has one type of a topic in a node."""
+        qos = need("rclpy.qos")
+        profile = qos.QoSProfile(depth=10, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
 
-            # The library looks at the number of parameters.
-            def take(message: Any, info: Any) -> None:
-                self._take(channel, kind, message, info)
+        # The library looks at the number of parameters.
+        def take(message: Any, info: Any) -> None:
+            self._take(channel, kind, message, info)
 
-            taken[kind] = self._node.create_subscription(self._type(kind), channel, take, profile)
+        self._node.create_subscription(self._type(kind), channel, take, profile)
+        self._taken[channel] = kind
 
     def _take(self, channel: str, kind: str, message: Any, info: Mapping[str, Any]) -> None:
         """Gives what has come to the inboxes; must not raise."""
@@ -269,17 +270,17 @@ class Ros2Bus(Bus):
         return {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos}
 
     def _look(self) -> None:
-        """Takes other types that are published, and names those that cannot be taken."""
-        for channel, inboxes in self._inboxes.items():
+        """Takes the type that is published, and names those that cannot be taken."""
+        for channel, inboxes in list(self._inboxes.items()):
             for info in self._node.get_publishers_info_by_topic(channel):
-                kind = info.topic_type
-                if kind in self._taken[channel]:
+                kind, taken = info.topic_type, self._taken.get(channel)
+                if kind == taken:
                     continue
-                possible = {k for inbox in inboxes for k in standard(inbox.layout)}
-                if kind in possible:
+                possible = {ARRAY}.union(*(standard(inbox.layout) for inbox in inboxes))
+                if kind in possible and taken is None:
                     self._take_type(channel, kind)
                     continue
-                types = ", ".join((ARRAY, *sorted(possible)))
+                types = taken or ", ".join(sorted(possible))
                 for inbox in inboxes:
                     words = f"/{info.node_name} publishes {kind}, not {types}"
                     inbox.refuse(words, monotonic())

@@ -8,7 +8,10 @@ import importlib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from types import new_class
 from typing import Any
+
+import numpy as np
 
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.buses.address import Address
@@ -16,10 +19,15 @@ from parapod.systems.hardware.buses.bus import Poses
 
 WORLD = "world"
 """Frame of which all links are children."""
-# Interface by which nodes of this computer find each other.
-_HERE = """<CycloneDDS><Domain><General>
-<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>
-</General></Domain></CycloneDDS>"""
+# Nodes of this computer find each other without multicast, as those of ROS 2 do on localhost.
+_HERE = """<CycloneDDS><Domain>
+<General><AllowMulticast>false</AllowMulticast>
+<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex>
+<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+<Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+<Tracing><Verbosity>config</Verbosity><OutputFile>/dev/null</OutputFile></Tracing>
+</Domain></CycloneDDS>"""
 
 
 class TransformWriter:
@@ -64,8 +72,8 @@ class _Writer:
         header = kinds["Header"](stamp=stamp, frame_id=WORLD)
         transforms = []
         for name, (position, turn) in poses.items():
-            x, y, z = map(float, position)
-            w, *axis = map(float, turn)
+            x, y, z = np.asarray(position, dtype=float).tolist()
+            w, *axis = np.asarray(turn, dtype=float).tolist()
             transform = kinds["Transform"](
                 translation=kinds["Vector3"](x=x, y=y, z=z),
                 rotation=kinds["Quaternion"](x=axis[0], y=axis[1], z=axis[2], w=w),
@@ -145,6 +153,5 @@ def _struct(package: str, name: str, fields: Mapping[str, Any]) -> Any:
     """A class of messages, by its name on the wire."""
     root = need("cyclonedds.idl").IdlStruct
     contents = {"__annotations__": dict(fields), "__module__": __name__}
-    return dataclass(
-        type(root)(name, (root,), contents, typename=f"{package}::msg::dds_::{name}_")
-    )
+    kind = {"typename": f"{package}::msg::dds_::{name}_"}
+    return dataclass(new_class(name, (root,), kind, lambda made: made.update(contents)))

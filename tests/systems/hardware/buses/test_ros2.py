@@ -1,0 +1,264 @@
+"""ROS 2: messages by their fields, and a graph between nodes of this computer."""
+
+import math
+import os
+import subprocess
+import sys
+import time
+import zlib
+from pathlib import Path
+from types import SimpleNamespace as Fields
+
+import pytest
+
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.hardware.buses.address import ROS2, Address, address_of
+from parapod.systems.hardware.buses.bus import Inbox
+from parapod.systems.hardware.buses.connection import connect
+from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+from parapod.systems.hardware.buses.ros2_messages import (
+    ARRAY,
+    FIELD,
+    IMU,
+    JOINTS,
+    fill,
+    labels_of,
+    standard,
+    values_of,
+)
+from parapod.systems.hardware.device import DeviceFault
+from tests.systems.hardware.buses.conftest import until
+
+LEGS = Layout(
+    {"extension": 2, "velocity": 2, "limits": 4, "force_command": 2},
+    {"extension": "m", "velocity": "m/s", "limits": "0/1", "force_command": "N"},
+    "legs",
+)
+SENSOR = Layout(
+    {"gyro": 3, "accel": 3, "mag": 3}, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}, "imu"
+)
+
+
+def joints(**fields):
+    usual = {"name": [], "position": [], "velocity": [], "effort": []}
+    stamp = Fields(sec=3, nanosec=250_000_000)
+    return Fields(header=Fields(stamp=stamp), **(usual | fields))
+
+
+def array_of(names, values):
+    labels = [Fields(label=label, size=size) for label, size in labels_of(names)]
+    return Fields(layout=Fields(dim=labels), data=values)
+
+
+def test_standard_messages_follow_from_the_units():
+    assert standard(LEGS) == {JOINTS: {"position": "extension", "velocity": "velocity"}}
+    assert standard(SENSOR) == {
+        IMU: {"angular_velocity": "gyro", "linear_acceleration": "accel"},
+        FIELD: {"magnetic_field": "mag"},
+    }
+    assert standard(Layout({"force": 3}, {"force": "N"}, "cells")) == {}
+    assert standard(Layout({"position": 2}, {}, "unknown")) == {}
+
+
+def test_an_array_is_what_was_packed():
+    names, values = LEGS.names, [0.5 * i for i in range(len(LEGS.names))]
+    message = values_of(ARRAY, array_of(names, [7.25, *values]), LEGS)
+    assert message == Message(list(names), tuple(values), 7.25)
+    plain = Fields(layout=Fields(dim=[]), data=values)
+    assert values_of(ARRAY, plain, LEGS) == Message(names, tuple(values), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (
+            Fields(layout=Fields(dim=[]), data=[1.0]),
+            "has 1 values without labels, not the 10 of extension",
+        ),
+        (array_of(LEGS.names, [1.0, 2.0]), "has labels of 11 values for 2"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_named(message, words):
+    with pytest.raises(WrongMessage, match=words):
+        values_of(ARRAY, message, LEGS)
+
+
+def test_joints_are_known_by_their_names_or_their_order():
+    wanted = Layout({"extension": 2}, {"extension": "m"}, "legs")
+    named = joints(name=["wheel", "legs_2", "legs_1"], position=[9.0, 2.0, 1.0])
+    assert values_of(JOINTS, named, wanted).values == [1.0, 2.0]
+    assert values_of(JOINTS, named, wanted).stamp == 3.25
+    other = joints(name=["left", "right"], position=[4.0, 5.0])
+    assert values_of(JOINTS, other, wanted).values == [4.0, 5.0]
+    with pytest.raises(WrongMessage, match="has the joints a, not legs_1, legs_2"):
+        values_of(JOINTS, joints(name=["a"], position=[1.0]), wanted)
+    with pytest.raises(WrongMessage, match="has 2 names of joints for 1 of position"):
+        values_of(JOINTS, joints(name=["a", "b"], position=[1.0]), wanted)
+
+
+def test_what_fills_a_standard_message_is_read_from_it():
+    signals = {"gyro": (0.1, 0.2, 0.3), "accel": (1.0, 2.0, 9.8), "mag": (1e-5, 0.0, 2e-5)}
+    for kind, fields in standard(SENSOR).items():
+        message = joints(**{field: Fields() for field in fields}, orientation_covariance=[0.0] * 9)
+        fill(message, kind, "imu", fields, signals)
+        own = Layout({n: 3 for n in fields.values()}, SENSOR.units, "imu")
+        assert own.unpack(values_of(kind, message, own)) == {
+            n: signals[n] for n in fields.values()
+        }
+
+
+@pytest.mark.parametrize(
+    "text", ["ros2://233", "ros2://x", "ros2://1?range=all", "ros2://1#left-arm", "ros2://#/x"]
+)
+def test_addresses_that_ros_2_does_not_have_are_refused_in_a_line(text):
+    with pytest.raises(ScenarioError) as caught:
+        address_of(text, "bus")
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_topics_have_the_namespace():
+    assert address_of("ros2://7#left", "bus").channels_of("legs") == (
+        "/left/legs/status",
+        "/left/legs/command",
+    )
+    renamed = Address(ROS2, topics=("/joint_states", ""))
+    assert renamed.channels_of("legs") == ("/joint_states", "/legs/command")
+
+
+# A graph of nodes
+
+
+@pytest.fixture
+def graph():
+    """Address of a graph that no other test has; skips where ROS 2 is not installed."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    number = zlib.crc32(f"{os.getpid()} {time.time_ns()}".encode())
+    return Address(ROS2, str(1 + number % 100), f"test_{number:08x}")
+
+
+@pytest.fixture
+def buses(graph):
+    both = connect(graph, "one"), connect(graph, "other")
+    yield both
+    for bus in both:
+        bus.close()
+
+
+def heard(sender, inbox, message, channel="/legs/status"):
+    """Whether a message has come, which is sent until it has."""
+
+    def come():
+        sender.publish(channel, message())
+        time.sleep(5e-3)
+        return inbox.newest
+
+    until(come, 60.0)
+    return inbox.newest
+
+
+def stamps():
+    """Messages of the legs, each later than the one before."""
+    begun = time.monotonic()
+    return lambda: Message(LEGS.names, [0.25] * len(LEGS.names), 1.0 + time.monotonic() - begun)
+
+
+def test_an_array_comes_as_it_was_sent(graph, buses):
+    one, other = buses
+    channel = graph.channels_of("legs").status
+    inbox = Inbox(channel, LEGS, math.inf, 1.0)
+    other.subscribe(inbox)
+    received = heard(one, inbox, stamps(), channel)
+    assert received.signals == {n: (0.25,) * size for n, size in LEGS.sizes.items()}
+    assert channel in other.channels()
+    assert channel not in one.channels()
+
+
+def test_joint_states_of_another_node_are_taken_and_other_types_are_named(graph, buses):
+    one, other = buses
+    channels = graph.channels_of("legs")
+    one.advertise(channels.status, LEGS)
+    beside = channels.status.replace("status", "joint_states")
+    wanted = Layout({"extension": 2, "velocity": 2}, LEGS.units, "legs")
+    fitting, sensor = Inbox(beside, wanted, math.inf, 60.0), Inbox(beside, SENSOR, math.inf, 60.0)
+    other.subscribe(fitting)
+    received = heard(one, fitting, stamps(), channels.status)
+    assert received.signals == {"extension": (0.25, 0.25), "velocity": (0.25, 0.25)}
+    third = connect(graph, "third")
+    third.subscribe(sensor)
+    try:
+        until(lambda: sensor.problem(time.monotonic()).fault is DeviceFault.CORRUPT, 60.0)
+        words = sensor.problem(time.monotonic()).words
+        assert f"/one publishes {JOINTS}, not {IMU}, {FIELD}, {ARRAY}" in words
+    finally:
+        third.close()
+
+
+def test_a_stop_reaches_nodes_that_come_later(graph, buses):
+    from std_msgs.msg import Bool
+
+    one, other = buses
+    assert one.stop == other.stop == ""
+    topic = f"/{graph.suffix}/station/stop"
+    publisher = one._node.create_publisher(Bool, topic, one._latched)
+    publisher.publish(Bool(data=True))
+    until(lambda: other.stop, 60.0)
+    late = connect(graph, "late")
+    try:
+        until(lambda: late.stop, 60.0)
+        assert late.stop == f"{topic} is true"
+        publisher.publish(Bool(data=False))
+        until(lambda: not late.stop and not other.stop, 60.0)
+    finally:
+        late.close()
+
+
+def test_a_node_that_is_not_active_stops_its_parts(buses, graph):
+    one, _ = buses
+    one._node.trigger_deactivate()
+    assert one.stop == f"the node /{graph.suffix}/one is not active"
+    one._node.trigger_activate()
+    assert one.stop == ""
+
+
+READER = """
+import sys, time
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from parapod.systems.hardware.buses.ros2_transforms import _HERE, _cyclone_types
+number = int(sys.argv[1])
+domain = Domain(number, _HERE)
+participant = DomainParticipant(number)
+reader = DataReader(participant, Topic(participant, "rt/tf", _cyclone_types()["TFMessage"]))
+end = time.monotonic() + 60.0
+while time.monotonic() < end:
+    for message in reader.take():
+        one = message.transforms[0]
+        t, r = one.transform.translation, one.transform.rotation
+        print(one.child_frame_id, one.header.frame_id, one.header.stamp.sec, t.x, t.z, r.w, r.x)
+        sys.exit()
+    time.sleep(0.02)
+"""
+
+
+def test_transforms_are_on_the_graph_with_their_type_in_ros_2(graph, buses):
+    pytest.importorskip("cyclonedds", reason="nothing here reads /tf")
+    one, other = buses
+    one.describe("<robot name='x'/>")
+    program = subprocess.Popen(
+        [sys.executable, "-c", READER, graph.place],
+        cwd=Path(__file__).parents[4],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+    def read():
+        one.place({"leg": ((1.0, 2.0, 3.0), (0.0, 1.0, 0.0, 0.0))}, 5.0)
+        return program.poll() is not None
+
+    until(read, 90.0)
+    assert program.communicate()[0].split() == ["leg", "world", "5", "1.0", "3.0", "0.0", "1.0"]
+    topics = dict(other._node.get_topic_names_and_types())
+    assert topics["/tf"] == ["tf2_msgs/msg/TFMessage"]
+    assert topics[f"/{graph.suffix}/robot_description"] == ["std_msgs/msg/String"]
