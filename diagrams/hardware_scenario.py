@@ -4,13 +4,13 @@ from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
 from parapod.diagrams.drivers.bus import LcmPart, Ros2Part
-from parapod.diagrams.drivers.driver import Driver
-from parapod.diagrams.drivers.epos2 import (
+from parapod.diagrams.drivers.cia402 import (
     Epos2Axes,
     Epos2ForceSlides,
     Epos2Screws,
     Epos2TorqueAxes,
 )
+from parapod.diagrams.drivers.driver import Driver
 from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqForceCells, NiDaqLegs
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs

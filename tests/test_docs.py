@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import parapod.systems
+from parapod.diagrams.drivers.cia402 import Epos2PositionScrews
 from parapod.diagrams.drivers.driver import Driver, PartPorts
-from parapod.diagrams.drivers.epos2 import Epos2PositionScrews
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.diagrams.machine import list_machines
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
@@ -23,10 +23,12 @@ from parapod.sims.cli.main import main, make_parser
 from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core import schema
 from parapod.systems.core.scenario_file import load_scenario
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.controller import Timing, outputs_pdo, reports
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.settings import AxesSettings, Control
+from parapod.systems.hardware.cia402.switches import switches_of_limbs
 from parapod.systems.hardware.emulation.harness import KINDS
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import Timing, reports
-from parapod.systems.hardware.epos2.switches import switches_of_limbs
 from parapod.systems.levelling_platform.supervisor import as_mermaid
 
 _DOCS = Path(__file__).parents[1] / "docs"
@@ -140,7 +142,9 @@ def frame_bits(size):
 
 def bus_load(settings, period):
     """Largest share of the bus's time: SYNC, its answers, a command each, and a heartbeat."""
-    cycle = frame_bits(0) + len(settings.node_ids) * frame_bits(objects.COMMAND.size)
+    cycle = frame_bits(0) + len(settings.node_ids) * frame_bits(
+        objects.PROFILE_VELOCITY.command.size
+    )
     cycle += sum(frame_bits(pdo.size) for i in settings.node_ids for pdo in reports(settings, i))
     heartbeat = frame_bits(1) / max(period, Timing().heartbeat_period)
     return (cycle / period + heartbeat) / settings.bitrate
@@ -166,7 +170,7 @@ def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():
 
 def test_the_load_of_eight_legs_with_switches_is_what_the_documents_say():
     settings = Epos2PositionScrews(node_ids=[*range(1, 9)], **switches_of_limbs(4)._asdict())
-    commands = (objects.POSITION_MODE.target, objects.OUTPUTS)
+    commands = (EPOS2.modes[Control.POSITION][0].target, outputs_pdo(AxesSettings()))
     each = [pdo for i in settings.node_ids for pdo in (*reports(settings, i), *commands)]
     assert len(each) == 8 * 4
     cycle = frame_bits(0) + sum(frame_bits(pdo.size) for pdo in each)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from parapod.diagrams.any_mechanism.design import Motors
-from parapod.diagrams.drivers.epos2 import Epos2PositionAxes, Epos2PositionScrews
+from parapod.diagrams.drivers.cia402 import Epos2PositionAxes, Epos2PositionScrews
 from parapod.systems.core.schema import quantity
 
 
@@ -53,7 +53,7 @@ class Epos2MotorAxes(Epos2PositionAxes):
 
     @property
     def measures_current(self) -> bool:
-        """See `Epos2Settings`."""
+        """See `AxesSettings`."""
         return True
 
 

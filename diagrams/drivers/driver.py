@@ -75,7 +75,8 @@ class Driver(Variant):
             usual: settings by the names of fields; each takes the place of null and of an empty
                 list.
         """
-        own = {name: value for name, value in usual.items() if getattr(self, name, value) in _OPEN}
+        fields = vars(self)
+        own = {name: v for name, v in usual.items() if fields.get(name, v) in _OPEN}
         return replace(self, **own) if own else self
 
     def make(self, ports: PartPorts) -> "Device":

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2PositionAxes
+from parapod.diagrams.drivers.cia402 import Epos2Axes, Epos2PositionAxes
 from parapod.systems.core.schema import quantity
 from parapod.systems.levelling_platform.wheels import WHEEL_GEAR
 
 
 @dataclass
 class Epos2Wheels(Epos2Axes):
-    """The platform's four wheel motors on EPOS2 24/5 controllers: see `Epos2`.
+    """The platform's four wheel motors on EPOS2 24/5 controllers: see `Cia402Velocities`.
 
     Motors and encoders are not printed anywhere, so theirs are assumptions.
 
@@ -25,14 +25,14 @@ class Epos2Wheels(Epos2Axes):
 
 @dataclass
 class Epos2Arm(Epos2PositionAxes):
-    """The joints of the platform's arm on EPOS2 24/5 controllers: see `Epos2Positions`.
+    """The joints of the platform's arm on EPOS2 24/5 controllers: see `Cia402Positions`.
 
     Motors and gears are not printed anywhere, so theirs are assumptions. The joints turn; with the
     arm upright their angles are zero.
 
     Attributes:
         node_ids: addresses of the controllers, in the order of the joints from the platform on.
-        channel: serial port of an adapter of their own for slcan, or see `Epos2Settings`.
+        channel: serial port of an adapter of their own for slcan, or see `AxesSettings`.
         gear: reduction between motor and joint [-].
     """
 
@@ -43,5 +43,5 @@ class Epos2Arm(Epos2PositionAxes):
 
     @property
     def has_brake(self) -> bool:
-        """See `Epos2Settings`; the arm has no such signal."""
+        """See `AxesSettings`; the arm has no such signal."""
         return False

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from parapod.diagrams.drivers.epos2 import Epos2PositionScrews
+from parapod.diagrams.drivers.cia402 import Epos2PositionScrews
 from parapod.systems.core.schema import quantity
-from parapod.systems.hardware.epos2.switches import switches_of_limbs
+from parapod.systems.hardware.cia402.switches import switches_of_limbs
 from parapod.systems.machining_centre.geometry import CentreGeometry
 
 # Stop contact of the first limb, which every centre has.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from parapod.diagrams.drivers.epos2 import Epos2Axes, Epos2ForceSlides, Epos2PositionScrews
+from parapod.diagrams.drivers.cia402 import Epos2Axes, Epos2ForceSlides, Epos2PositionScrews
 from parapod.systems.core.schema import quantity
 
 _SLIDERS = 3

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from parapod.diagrams.drivers.epos2 import Epos2Screws
+from parapod.diagrams.drivers.cia402 import Epos2Screws
 from parapod.systems.core.schema import quantity
 from parapod.systems.walking_chair.geometry import BRANCHES
 
@@ -36,5 +36,5 @@ class Epos2Legs(Epos2Screws):
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """See `Epos2Settings`."""
+        """See `AxesSettings`."""
         return BRANCHES

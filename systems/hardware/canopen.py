@@ -10,7 +10,8 @@ import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.clock import answer_time, awaiting_answer, search_time
@@ -41,9 +42,14 @@ class Entry:
     kind: str
 
     @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return struct.calcsize(self.kind)
+
+    @property
     def mapping(self) -> int:
         """Mapping of the entry to a PDO: index, subindex and number of bits (CiA 301)."""
-        return self.index << 16 | self.subindex << 8 | 8 * struct.calcsize(self.kind)
+        return self.index << 16 | self.subindex << 8 | 8 * self.size
 
     def pack(self, value: int) -> bytes:
         """The value as it travels."""
@@ -62,6 +68,8 @@ class Entry:
         return f"0x{self.index:04X}:{self.subindex:02X}"
 
 
+# Node id under which this computer sends its heartbeat.
+MASTER_ID = 127
 HEARTBEAT_CONSUMED = Entry(0x1016, 1, "<I")  # node id << 16 | timeout [ms]
 HEARTBEAT_PRODUCED = Entry(0x1017, 0, "<H")  # [ms]; 0: none
 
@@ -72,7 +80,8 @@ def wrapped(value: int, bits: int = 32) -> int:
     return (value + half) % (1 << bits) - half
 
 
-class Pdo(NamedTuple):
+@dataclass(frozen=True)
+class Pdo:
     """A process data object.
 
     Attributes:
@@ -89,27 +98,51 @@ class Pdo(NamedTuple):
     transmission: int
     entries: tuple[Entry, ...]
 
+    @cached_property
+    def _codec(self) -> struct.Struct:
+        return struct.Struct("<" + "".join(entry.kind[-1] for entry in self.entries))
+
     def unpack(self, data: bytes) -> tuple[int, ...]:
         """The values that a frame carries.
 
         Raises:
             struct.error: the frame has the wrong length.
         """
-        return struct.unpack(self.kind, data)
+        return self._codec.unpack(data)
 
     def pack(self, *values: int) -> bytes:
         """The frame that carries the values."""
-        return struct.pack(self.kind, *values)
-
-    @property
-    def kind(self) -> str:
-        """Format with which `struct` packs the frame."""
-        return "<" + "".join(entry.kind[-1] for entry in self.entries)
+        return self._codec.pack(*values)
 
     @property
     def size(self) -> int:
         """Number of bytes of the frame."""
-        return struct.calcsize(self.kind)
+        return self._codec.size
+
+
+def mapping_of(pdos: Sequence[Pdo], node_id: int) -> Iterator[tuple[Entry, int]]:
+    """Entries that have a node send and obey these process data, and no others, in order.
+
+    CiA 301 prescribes the order: each is not valid while it is set up.
+
+    Args:
+        pdos: all that are used.
+        node_id: address of the node.
+    """
+    used = {pdo.communication for pdo in pdos}
+    for first, base in ((0x1400, 0x200), (0x1800, 0x180)):
+        for k in range(PDO_COUNT):
+            if first + k not in used:  # a drive might send or obey it on its own
+                yield Entry(first + k, 1, "<I"), base + 0x100 * k + node_id | NOT_VALID
+    for pdo in pdos:
+        can_id = pdo.base + node_id
+        yield Entry(pdo.communication, 1, "<I"), can_id | NOT_VALID
+        yield Entry(pdo.communication, 2, "<B"), pdo.transmission
+        yield Entry(pdo.mapping, 0, "<B"), 0
+        for number, entry in enumerate(pdo.entries, start=1):
+            yield Entry(pdo.mapping, number, "<I"), entry.mapping
+        yield Entry(pdo.mapping, 0, "<B"), len(pdo.entries)
+        yield Entry(pdo.communication, 1, "<I"), can_id
 
 
 # The receiving thread looks this often whether it should end [s].
@@ -288,6 +321,24 @@ class CanopenBus:
                 sdo.download(entry.index, entry.subindex, entry.pack(value))
         except Exception as error:
             raise self._refused(node_id, f"set {entry} to {value}", error) from error
+
+    def beat(self) -> None:
+        """Sends this computer's heartbeat."""
+        self.send(HEARTBEAT_BASE + MASTER_ID, b"\x05")  # operational
+
+    def guard(self, node_id: int, timeout: float) -> None:
+        """Has a node react when this computer falls silent for so long [s]; 0: no more."""
+        whose = MASTER_ID << 16 | round(1e3 * timeout)
+        self.set(node_id, HEARTBEAT_CONSUMED, whose if timeout else 0)
+
+    def carry(self, node_id: int, pdos: Sequence[Pdo]) -> None:
+        """Has a node send and obey these process data, and no others."""
+        for entry, value in mapping_of(pdos, node_id):
+            self.set(node_id, entry, value)
+
+    def command(self, node_id: int, pdo: Pdo, *values: int) -> None:
+        """Sends a node process data; nothing confirms them."""
+        self.send(pdo.base + node_id, pdo.pack(*values))
 
     def manage(self, node_id: int, command: int) -> None:
         """Sends a node a command of the network management (NMT)."""

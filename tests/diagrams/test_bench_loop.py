@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.closed_loop import ClosedLoop
-from parapod.diagrams.drivers.epos2 import Epos2TorqueAxes
+from parapod.diagrams.drivers.cia402 import Epos2TorqueAxes
 from parapod.diagrams.terrain_simulator.controller import make_controller
 from parapod.diagrams.terrain_simulator.design import BenchDesign, CellsScenario
 from parapod.diagrams.terrain_simulator.machine import TERRAIN_BENCH

@@ -655,7 +655,7 @@ def test_scenario_loads_settings_and_neither_devices_nor_emulators_nor_libraries
         "\n"
     )[:2]
     modules = {name.removeprefix("parapod.systems.hardware.") for name in ours.split()}
-    allowed = {"addresses", "soft_limits", "epos2.switches", "buses", "buses.address"}
+    allowed = {"addresses", "soft_limits", "cia402.switches", "buses", "buses.address"}
     packages = {name.partition(".")[0] for name in modules if name.endswith(".settings")}
     assert len(packages) == 4
     assert {m for m in modules if not m.endswith(".settings")} <= allowed | packages

@@ -319,7 +319,7 @@ def test_importing_a_machine_loads_no_other_and_no_device_library(machine):
     settings = {name for name in devices if name.endswith(".settings")}
     assert settings
     packages = {name.rpartition(".")[0] for name in settings}
-    of_settings = ("addresses", "soft_limits", "epos2.switches", "buses", "buses.address")
+    of_settings = ("addresses", "soft_limits", "cia402.switches", "buses", "buses.address")
     beside = {f"parapod.systems.hardware.{name}" for name in of_settings}
     assert devices <= settings | packages | beside
 

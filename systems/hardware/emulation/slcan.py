@@ -82,7 +82,7 @@ class SlcanPty:
     which the link leads again: see `PtyPort`.
 
     Attributes:
-        link: the symbolic link to the terminal, for `Epos2Settings.channel`.
+        link: the symbolic link to the terminal, for `AxesSettings.channel`.
     """
 
     def __init__(

@@ -6,16 +6,16 @@ import time
 
 import pytest
 
+from parapod.systems.hardware.cia402.controller import Timing
+from parapod.systems.hardware.cia402.emulator import Cia402Nodes
+from parapod.systems.hardware.cia402.forces import Cia402Forces
+from parapod.systems.hardware.cia402.positions import Cia402Positions
+from parapod.systems.hardware.cia402.settings import Control, GearSettings
+from parapod.systems.hardware.cia402.velocities import Cia402Velocities
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import SUPPLY, Harness, Misbehaviour
-from parapod.systems.hardware.epos2.controller import Timing
-from parapod.systems.hardware.epos2.drives import Epos2
-from parapod.systems.hardware.epos2.emulator import Epos2Nodes
-from parapod.systems.hardware.epos2.forces import Epos2Forces
-from parapod.systems.hardware.epos2.positions import Epos2Positions
-from parapod.systems.hardware.epos2.settings import Control, GearSettings
 
-CHANNELS = (f"test_epos2 {k}" for k in itertools.count())
+CHANNELS = (f"test_cia402 {k}" for k in itertools.count())
 # Steep ramps, so that a test does not wait for them; a patient guard, for busy machines.
 QUICK = {
     "acceleration": 1e4,
@@ -24,9 +24,9 @@ QUICK = {
     "node_ids": [1, 2, 3, 4],
 }
 DEVICES = {
-    Control.VELOCITY: Epos2,
-    Control.POSITION: Epos2Positions,
-    Control.FORCE: Epos2Forces,
+    Control.VELOCITY: Cia402Velocities,
+    Control.POSITION: Cia402Positions,
+    Control.FORCE: Cia402Forces,
 }
 PATIENT = {"heartbeat_timeout": 2.0, "timeout": 0.5, "sdo_timeout": 2.0}
 
@@ -165,7 +165,7 @@ class Rig:
         self.harness = make_harness(wires)
         self.harness.set(SUPPLY, (1.0,))
         self.harness.set(f"{part}.position", [position] * axes)
-        self.nodes = Epos2Nodes(
+        self.nodes = Cia402Nodes(
             self.harness,
             channel=channel,
             misbehaviour=self.misbehaviour,

@@ -8,13 +8,13 @@ import tty
 import can
 import pytest
 
+from parapod.systems.hardware.cia402.controller import Timing
+from parapod.systems.hardware.cia402.emulator import Cia402Nodes
+from parapod.systems.hardware.cia402.settings import GearSettings
+from parapod.systems.hardware.cia402.velocities import Cia402Velocities
 from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from parapod.systems.hardware.emulation.slcan import Frame, SlcanPty, decoded, encoded
-from parapod.systems.hardware.epos2.controller import Timing
-from parapod.systems.hardware.epos2.drives import Epos2
-from parapod.systems.hardware.epos2.emulator import Epos2Nodes
-from parapod.systems.hardware.epos2.settings import GearSettings
 
 CHANNELS = (f"test_slcan {k}" for k in itertools.count())
 FRAMES = [
@@ -153,7 +153,7 @@ def test_link_leads_to_a_new_terminal_after_an_unplugging(tmp_path):
 def test_wrong_bit_rate_reaches_no_node(tmp_path):
     sizes = {"velocity_command": 4, "brake": 1, "position": 4, "velocity": 4}
     harness = Harness({f"wheels.{name}": size for name, size in sizes.items()})
-    with Epos2Nodes(harness, channel=next(CHANNELS), link=tmp_path / "can0") as nodes:
+    with Cia402Nodes(harness, channel=next(CHANNELS), link=tmp_path / "can0") as nodes:
         settings = GearSettings(channel=str(nodes.adapter.link), bitrate=500_000)
         with pytest.raises(DeviceError, match="node 1 does not answer; nodes that do: none"):
-            Epos2(settings, Timing(sdo_timeout=0.1)).configure()
+            Cia402Velocities(settings, Timing(sdo_timeout=0.1)).configure()

@@ -1,4 +1,4 @@
-"""Locks, clamps and other switches of a machine at the digital outputs of EPOS2 controllers.
+"""Locks, clamps and other switches of a machine at the digital outputs of its drives.
 
 Each has an output that opens it against a spring, and an input with a contact that is closed while
 it is closed. So whatever is without power is closed, and a broken wire reads "not closed".

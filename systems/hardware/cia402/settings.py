@@ -1,6 +1,8 @@
-"""Settings of axes on EPOS2 24/5 controllers, in the units in which people give them.
+"""Settings of axes on CiA 402 drives, in the units in which people give them.
 
-An axis turns or is pushed: the unit of its SI properties is rad or m.
+An axis turns or is pushed: the unit of its SI properties is rad or m. All of them follow from
+the keys in one place, `AxesSettings`; which keys a tag has, its capabilities say: small groups of
+keys, of which it is made.
 """
 
 import math
@@ -8,16 +10,21 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from parapod.systems.core.schema import Schema, choice, quantity
 from parapod.systems.hardware.addresses import resolved
-from parapod.systems.hardware.epos2.switches import SwitchGroup, group
+from parapod.systems.hardware.cia402.switches import SwitchGroup, group
 from parapod.systems.hardware.soft_limits import SoftLimits
 
 _RPM = 2.0 * math.pi / 60.0  # [rad/s]
 # Following error while an axis looks for its end: longer than any stroke [mm].
 _UNBOUNDED_MM = 1000.0
+# Names in errors; their tables are in `makers`.
+_DRIVES = {"epos2": "EPOS2"}
+
+type Strokes = tuple[tuple[float, ...], tuple[float, ...]]
+"""Least and largest positions of the axes [rad or m]."""
 
 
 class Control(StrEnum):
@@ -29,11 +36,13 @@ class Control(StrEnum):
 
 
 @dataclass
-class Epos2Settings(Schema):
-    """Axes driven by motors on EPOS2 24/5 controllers, and the bus that they are on.
+class AxesSettings(Schema):
+    """Axes driven by motors on CiA 402 drives, and the bus that they are on.
 
     Attributes:
         part: part of the machine, as in the names of its ports.
+        drive: maker's drives that they are, all of them; see `makers`.
+        mode: number of the drives' mode of operation (0x6060); null: the usual one of `drive`.
         interface: python-can's name of the bus: "slcan" (serial adapter), "socketcan" (network
             interface), or "virtual" within this process.
         channel: serial port of the adapter for slcan, network interface for socketcan, any name
@@ -43,16 +52,18 @@ class Epos2Settings(Schema):
         counts_per_turn: encoder counts per turn of the motor, all four edges [-].
         max_velocity_rpm: largest velocity of a motor [rpm].
         heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms]; see
-            `Epos2Device`, "Guard".
+            `Cia402Device`, "Guard".
         opening_pause_ms: pause after the port is opened [ms]; 2000 for SLCAN adapters that this
             resets.
         stop_node: address of the controller at whose digital input is a contact of the emergency
             stop, which is closed while that is not pressed; null: none is measured.
-        stop_input: number of that digital input; 4 to 6 take 24 V, and read an open contact as a
-            pressed one [EPOS2 24/5 Hardware Reference, 4.5.2].
+        stop_input: number of that digital input; 4 to 6 of an EPOS2 24/5 take 24 V, and read an
+            open contact as a pressed one [EPOS2 24/5 Hardware Reference, 4.5.2].
     """
 
     part: str = ""
+    drive: str = choice("epos2", tuple(_DRIVES))
+    mode: int | None = quantity(None, -3, 10)
     interface: str = choice("slcan", ("slcan", "socketcan", "virtual"))
     channel: str = "emulator/can"
     bitrate: int = quantity(1_000_000, 10_000, 1_000_000)
@@ -64,74 +75,36 @@ class Epos2Settings(Schema):
     stop_node: int | None = quantity(None, 1, 127)
     stop_input: int = quantity(4, 1, 6)
 
+    # Quantity that is commanded of the axes.
+    control: ClassVar[Control] = Control.VELOCITY
+    # Keys of capabilities, for tags that do not have them: with a type that makes no field.
+    gear = None  # type: float | None
+    position_min_deg = None  # type: list[float] | None
+    position_max_deg = None  # type: list[float] | None
+    position_at_start_deg = None  # type: list[float] | None
+    signs = None  # type: list[int] | None
+    current_limit_a = None  # type: float | None
+    lead_mm = None  # type: float | None
+    reduction = 1.0  # type: float
+    homing_current_a = None  # type: float | None
+    position_min_mm = None  # type: list[float] | None
+    position_max_mm = None  # type: list[float] | None
+    position_at_start_mm = None  # type: list[float] | None
+    position_file = ""  # type: str
+    quick_stop_mm_s2 = None  # type: float | None
+    acceleration_mm_s2 = None  # type: float | None
+    limit_lead_ms = None  # type: float | None
+    following_error_deg = None  # type: float | None
+    following_error_mm = None  # type: float | None
+    max_force_N = None  # type: float | None  # noqa: N815
+    max_torque_Nm = None  # type: float | None  # noqa: N815
+    force_per_current_N_A = None  # type: float | None  # noqa: N815
+    torque_per_current_Nm_A = None  # type: float | None  # noqa: N815
+
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the axes in errors; empty: nodes are named by their addresses alone."""
         return ()
-
-    @property
-    def stops_together(self) -> bool:
-        """Whether all axes stop at once when one of them fails: those that share a load."""
-        return False
-
-    @property
-    def motor_per_unit(self) -> float:
-        """Turn of the motor for one unit of its axis [rad per rad or m]."""
-        raise NotImplementedError(f"{type(self).__name__} does not define motor_per_unit")
-
-    @property
-    def directions(self) -> tuple[int, ...]:
-        """1 for each axis, -1 where the motor's positive direction is the axis's negative one."""
-        return (1,) * len(self.node_ids)
-
-    @property
-    def acceleration(self) -> float:
-        """Acceleration of an axis that speeds up or slows down [unit/s^2] (assumption)."""
-        return 20.0
-
-    @property
-    def quick_stop_deceleration(self) -> float:
-        """Deceleration of an axis that brakes [unit/s^2] (assumption)."""
-        return 100.0
-
-    @property
-    def measures_current(self) -> bool:
-        """Whether the motors' currents are measured as well."""
-        return False
-
-    @property
-    def current_limit(self) -> float | None:
-        """Largest current of a motor [A]; None: the controllers' own setting."""
-        return None
-
-    @property
-    def seeking(self) -> Self:
-        """Settings with which axes look for their ends."""
-        return self
-
-    @property
-    def position_at_start(self) -> tuple[float, ...] | None:
-        """Positions of the axes when the device is configured [unit]; None: not known."""
-        return None
-
-    @property
-    def positions_path(self) -> str:
-        """File that keeps positions from one program to the next; "": none."""
-        return ""
-
-    @property
-    def limits(self) -> SoftLimits | None:
-        """Limits that no axis leaves; None: none.
-
-        Raises:
-            ValueError: they are not in order.
-        """
-        return None
-
-    @property
-    def control(self) -> Control:
-        """Quantity that is commanded of the axes."""
-        return Control.VELOCITY
 
     @property
     def has_brake(self) -> bool:
@@ -139,19 +112,130 @@ class Epos2Settings(Schema):
         return True
 
     @property
-    def command_signal(self) -> str:
-        """Signal with which the axes are commanded."""
-        return f"{self.control}_command"
+    def motor_per_unit(self) -> float:
+        """Turn of the motor for one unit of its axis [rad per rad or m]."""
+        if self.lead_mm is not None:
+            return 2.0 * math.pi * self.reduction / (1e-3 * self.lead_mm)
+        if self.gear is None:
+            raise NotImplementedError(f"{type(self).__name__} does not define motor_per_unit")
+        return self.gear
 
     @property
-    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """Ends of axes whose positions or forces are commanded [unit]; None: no ends."""
+    def rpm_per_unit(self) -> float:
+        """Velocity of the motor for that of its axis [rpm per rad/s or m/s]."""
+        return self.motor_per_unit / _RPM
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """1 for each axis, -1 where the motor's positive direction is the axis's negative one."""
+        return (1,) * len(self.node_ids) if self.signs is None else tuple(self.signs)
+
+    @property
+    def stops_together(self) -> bool:
+        """Whether all axes stop at once when one of them fails: those that share a load."""
+        return self.current_limit_a is not None
+
+    @property
+    def measures_current(self) -> bool:
+        """Whether the motors' currents are measured as well."""
+        return self.current_limit_a is not None
+
+    @property
+    def current_limit(self) -> float | None:
+        """Largest current of a motor [A]; None: the controllers' own setting."""
+        return self.current_limit_a
+
+    @property
+    def acceleration(self) -> float:
+        """Acceleration of an axis that speeds up or slows down [unit/s^2] (assumption)."""
+        return 20.0 if self.acceleration_mm_s2 is None else 1e-3 * self.acceleration_mm_s2
+
+    @property
+    def quick_stop_deceleration(self) -> float:
+        """Deceleration of an axis that brakes [unit/s^2] (assumption)."""
+        return 100.0 if self.quick_stop_mm_s2 is None else 1e-3 * self.quick_stop_mm_s2
+
+    @property
+    def seeking(self) -> Self:
+        """Settings with which axes look for their ends.
+
+        One that is held up by its end is left behind, and no fault.
+        """
+        if self.homing_current_a is None:
+            return self
+        changes: dict[str, Any] = {"current_limit_a": self.homing_current_a}
+        if self.following_error_mm is not None:
+            changes["following_error_mm"] = _UNBOUNDED_MM
+        return replace(self, **changes)
+
+    @property
+    def position_at_start(self) -> tuple[float, ...] | None:
+        """Positions of the axes when the device is configured [unit]; None: not known."""
+        return _positions(self.position_at_start_mm, self.position_at_start_deg)
+
+    @property
+    def positions_path(self) -> str:
+        """File that keeps positions from one program to the next; "": none."""
+        return resolved(self.position_file) if self.position_file else ""
+
+    @property
+    def strokes(self) -> Strokes | None:
+        """Ends of the axes [unit]; None: no ends.
+
+        Raises:
+            ValueError: nothing says where they are, or only one of both ends is given.
+        """
+        lower = _positions(self.position_min_mm, self.position_min_deg)
+        upper = _positions(self.position_max_mm, self.position_max_deg)
+        if lower is not None and upper is not None:
+            return lower, upper
+        if self.lead_mm is not None:
+            raise ValueError("it needs position_min_mm and position_max_mm")
+        if lower is not None or upper is not None:
+            raise ValueError(
+                "position_min_deg and position_max_deg must be given both, or neither"
+            )
         return None
+
+    @property
+    def limits(self) -> SoftLimits | None:
+        """Limits that no axis leaves whose velocity is commanded; None: none.
+
+        Raises:
+            ValueError: they are not in order.
+        """
+        if self.control is not Control.VELOCITY or (strokes := self.strokes) is None:
+            return None
+        return SoftLimits(*strokes, self.limit_lead, self.acceleration)
+
+    @property
+    def limit_lead(self) -> float:
+        """Time by which an axis is kept from its ends early [s]."""
+        return 1e-3 * (self.limit_lead_ms or 0.0)
+
+    @property
+    def command_signal(self) -> str:
+        """Signal with which the axes are commanded."""
+        what = self.control if self.max_torque_Nm is None else "torque"
+        return f"{what}_command"
 
     @property
     def following_error(self) -> float | None:
         """Error of a position at which a drive gives up [unit]; None: the controllers' own."""
-        return None
+        if self.following_error_mm is not None:
+            return 1e-3 * self.following_error_mm
+        angle = self.following_error_deg
+        return None if angle is None else math.radians(angle)
+
+    @property
+    def max_force(self) -> float:
+        """Largest force or torque of an axis [N or N m]."""
+        return self.max_force_N or self.max_torque_Nm or 0.0
+
+    @property
+    def force_per_current(self) -> float:
+        """Force or torque of an axis by the current of its motor [N/A or N m/A]; 0: not known."""
+        return self.force_per_current_N_A or self.torque_per_current_Nm_A or 0.0
 
     @property
     def switches(self) -> tuple[SwitchGroup, ...]:
@@ -180,7 +264,7 @@ class Epos2Settings(Schema):
     @property
     def name(self) -> str:
         """Name of the controllers in errors."""
-        return f"EPOS2 on {self.interface} {self.address}"
+        return f"{_DRIVES[self.drive]} on {self.interface} {self.address}"
 
     @property
     def address(self) -> str:
@@ -214,17 +298,12 @@ class Epos2Settings(Schema):
         """Silence after which the controllers stop by themselves [s]."""
         return 1e-3 * self.heartbeat_timeout_ms
 
-    def rpm(self, velocity: float) -> int:
+    def rpm(self, velocity: float) -> float:
         """Velocity of the motor [rpm] of that of an axis [unit/s], limited; 0 if not finite."""
         if not math.isfinite(velocity):
-            return 0
-        largest = self.max_velocity
-        limited = min(max(velocity, -largest), largest)
-        return round(limited * self.motor_per_unit / _RPM)
-
-    def rpm_per_second(self, acceleration: float) -> int:
-        """Acceleration of the motor [rpm/s] of that of an axis [unit/s^2], 1 at least."""
-        return max(1, round(acceleration * self.motor_per_unit / _RPM))
+            return 0.0
+        largest = self.max_velocity_rpm
+        return min(max(velocity * self.rpm_per_unit, -largest), largest)
 
     def velocity(self, rpm: float) -> float:
         """Velocity of an axis [unit/s] of that of its motor [rpm]."""
@@ -239,8 +318,20 @@ class Epos2Settings(Schema):
         return position * self.counts_per_turn * self.motor_per_unit / (2.0 * math.pi)
 
 
+def _positions(
+    lengths_mm: list[float] | None, angles_deg: list[float] | None
+) -> tuple[float, ...] | None:
+    """Lengths [m], or angles [rad]; None: neither is given."""
+    if lengths_mm is not None:
+        return tuple(1e-3 * mm for mm in lengths_mm)
+    return None if angles_deg is None else tuple(map(math.radians, angles_deg))
+
+
+# Capabilities.
+
+
 @dataclass
-class GearSettings(Epos2Settings):
+class Gear(AxesSettings):
     """Axes that turn behind a gear, such as wheels.
 
     Attributes:
@@ -249,15 +340,10 @@ class GearSettings(Epos2Settings):
 
     gear: float = quantity(1.0, 0.1, 10000.0)
 
-    @property
-    def motor_per_unit(self) -> float:
-        """Turns of the motor by turns of the axis."""
-        return self.gear
-
 
 @dataclass
-class TurnSettings(GearSettings):
-    """Axes that turn behind a gear, and that may have ends.
+class Angles(AxesSettings):
+    """Axes that turn and may have ends.
 
     Attributes:
         position_min_deg: angles below which nothing turns an axis further, one for each axis
@@ -272,94 +358,33 @@ class TurnSettings(GearSettings):
     position_max_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
     position_at_start_deg: list[float] | None = quantity(None, -3600.0, 3600.0)
 
-    @property
-    def position_at_start(self) -> tuple[float, ...] | None:
-        """See `Epos2Settings`."""
-        start = self.position_at_start_deg
-        return None if start is None else tuple(map(math.radians, start))
-
-    @property
-    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """See `Epos2Settings`.
-
-        Raises:
-            ValueError: only one of both ends is given.
-        """
-        least, most = self.position_min_deg, self.position_max_deg
-        if least is None and most is None:
-            return None
-        if least is None or most is None:
-            raise ValueError(
-                "position_min_deg and position_max_deg must be given both, or neither"
-            )
-        return tuple(map(math.radians, least)), tuple(map(math.radians, most))
-
 
 @dataclass
-class PositionTurnSettings(TurnSettings):
-    """Axes that turn behind a gear, and whose positions are commanded: see `TurnSettings`.
-
-    Attributes:
-        following_error_deg: distance from where it is commanded at which a drive gives up [deg].
-    """
-
-    following_error_deg: float = quantity(5.0, 0.01, 360.0)
-
-    @property
-    def control(self) -> Control:
-        """See `Epos2Settings`."""
-        return Control.POSITION
-
-    @property
-    def following_error(self) -> float:
-        """See `Epos2Settings`."""
-        return math.radians(self.following_error_deg)
-
-
-@dataclass
-class LoadSettings(Epos2Settings):
+class Load(AxesSettings):
     """Axes that share a load, and whose motors' currents are measured and limited.
 
     Attributes:
         signs: 1, or -1 where the motor's positive direction is the axis's negative one, as where
             it retracts; one for each axis.
-        current_limit_a: largest current of a motor [A], written at every start; 5 A is what the
-            controller delivers for long.
+        current_limit_a: largest current of a motor [A], written at every start; 5 A is what an
+            EPOS2 24/5 delivers for long.
     """
 
     signs: list[int] = quantity([1], -1, 1)
     current_limit_a: float = quantity(5.0, 0.05, 10.0)
 
-    @property
-    def directions(self) -> tuple[int, ...]:
-        """See `Epos2Settings`."""
-        return tuple(self.signs)
-
-    @property
-    def measures_current(self) -> bool:
-        """See `Epos2Settings`."""
-        return True
-
-    @property
-    def stops_together(self) -> bool:
-        """See `Epos2Settings`."""
-        return True
-
-    @property
-    def current_limit(self) -> float:
-        """See `Epos2Settings`."""
-        return self.current_limit_a
-
 
 @dataclass
-class StrokeSettings(LoadSettings):
+class Screw(AxesSettings):
     """Screws that push along strokes, and a file that remembers where they stand.
+
+    A slide that is driven by a belt has the circumference of the belt's pulley as its lead.
 
     Attributes:
         lead_mm: way of a screw's nut per turn of the screw [mm].
         reduction: turns of the motor per turn of the screw [-].
-        homing_current_a: the same while a screw looks for the end of its stroke, against which it
-            then pushes no harder [A].
+        homing_current_a: largest current of a motor while a screw looks for the end of its
+            stroke, against which it then pushes no harder [A].
         position_min_mm: lengths below which nothing retracts, one for each axis [mm]; null: the
             machine's.
         position_max_mm: lengths above which nothing extends, one for each axis [mm]; null: the
@@ -380,44 +405,10 @@ class StrokeSettings(LoadSettings):
     position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     position_file: str = "emulator/positions.json"
 
-    @property
-    def motor_per_unit(self) -> float:
-        """Angle of the motor by the way of the nut [rad/m]."""
-        return 2.0 * math.pi * self.reduction / (1e-3 * self.lead_mm)
-
-    @property
-    def position_at_start(self) -> tuple[float, ...] | None:
-        """See `Epos2Settings`."""
-        start = self.position_at_start_mm
-        return None if start is None else tuple(1e-3 * mm for mm in start)
-
-    @property
-    def seeking(self) -> Self:
-        """See `Epos2Settings`."""
-        return replace(self, current_limit_a=self.homing_current_a)
-
-    @property
-    def positions_path(self) -> str:
-        """See `Epos2Settings`."""
-        return resolved(self.position_file)
-
-    @property
-    def strokes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """See `Epos2Settings`.
-
-        Raises:
-            ValueError: nothing says where they are.
-        """
-        if self.position_min_mm is None or self.position_max_mm is None:
-            raise ValueError("it needs position_min_mm and position_max_mm")
-        ends = (self.position_min_mm, self.position_max_mm)
-        lower, upper = (tuple(1e-3 * mm for mm in each) for each in ends)
-        return lower, upper
-
 
 @dataclass
-class RampSettings(StrokeSettings):
-    """Screws that stop on a ramp: see `StrokeSettings`.
+class Ramp(AxesSettings):
+    """Screws that stop on a ramp.
 
     Attributes:
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
@@ -426,15 +417,64 @@ class RampSettings(StrokeSettings):
 
     quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
 
+
+@dataclass
+class Switches(AxesSettings):
+    """Locks and clamps at the controllers.
+
+    Each is closed by a spring. Its digital output opens it, and its digital input has voltage
+    while it is closed.
+
+    Attributes:
+        lock_nodes: address of the controller of each lock.
+        lock_outputs: number of the digital output that opens each lock.
+        lock_inputs: number of the digital input with each lock's contact.
+        clamp_nodes: address of the controller of each clamp.
+        clamp_outputs: number of the digital output that opens each clamp.
+        clamp_inputs: number of the digital input with each clamp's contact.
+    """
+
+    lock_nodes: list[int] = quantity([], 1, 127)
+    lock_outputs: list[int] = quantity([], 1, 4)
+    lock_inputs: list[int] = quantity([], 1, 6)
+    clamp_nodes: list[int] = quantity([], 1, 127)
+    clamp_outputs: list[int] = quantity([], 1, 4)
+    clamp_inputs: list[int] = quantity([], 1, 6)
+
     @property
-    def quick_stop_deceleration(self) -> float:
-        """See `Epos2Settings`."""
-        return 1e-3 * self.quick_stop_mm_s2
+    def switches(self) -> tuple[SwitchGroup, ...]:
+        """See `AxesSettings`."""
+        groups = (
+            group("locks", "lock", self.lock_nodes, self.lock_outputs, self.lock_inputs),
+            group("clamps", "clamp", self.clamp_nodes, self.clamp_outputs, self.clamp_inputs),
+        )
+        return tuple(each for each in groups if each.switches)
+
+
+# Kinds of axes.
 
 
 @dataclass
-class ScrewSettings(RampSettings):
-    """Screws whose velocities are commanded, within limits: see `StrokeSettings`.
+class GearSettings(Gear):
+    """Axes that turn behind a gear, and whose velocities are commanded."""
+
+
+@dataclass
+class PositionTurnSettings(Gear, Angles):
+    """Axes that turn behind a gear, and whose positions are commanded.
+
+    Attributes:
+        following_error_deg: distance from where it is commanded at which a drive gives up [deg].
+    """
+
+    control: ClassVar[Control] = Control.POSITION
+
+    following_error_deg: float = quantity(5.0, 0.01, 360.0)
+
+
+@dataclass
+class ScrewSettings(Screw, Ramp, Load):
+    """Screws whose velocities are commanded, within limits.
 
     Attributes:
         acceleration_mm_s2: acceleration with which the drives follow a command, up and down
@@ -446,71 +486,23 @@ class ScrewSettings(RampSettings):
     acceleration_mm_s2: float = quantity(8000.0, 1.0, 1e6)
     limit_lead_ms: float = quantity(150.0, 10.0, 1000.0)
 
-    @property
-    def acceleration(self) -> float:
-        """See `Epos2Settings`."""
-        return 1e-3 * self.acceleration_mm_s2
-
-    @property
-    def limits(self) -> SoftLimits | None:
-        """See `Epos2Settings`."""
-        lower, upper = self.strokes
-        return SoftLimits(lower, upper, 1e-3 * self.limit_lead_ms, self.acceleration)
-
 
 @dataclass
-class PositionScrewSettings(RampSettings):
-    """Screws whose positions are commanded, and locks and clamps: see `StrokeSettings`.
-
-    A lock or clamp is closed by a spring. Its digital output opens it, and its digital input has
-    voltage while it is closed.
+class PositionScrewSettings(Screw, Ramp, Load, Switches):
+    """Screws whose positions are commanded, and locks and clamps.
 
     Attributes:
         following_error_mm: distance from where it is commanded at which a drive gives up [mm].
-        lock_nodes: address of the controller of each lock.
-        lock_outputs: number of the digital output that opens each lock.
-        lock_inputs: number of the digital input with each lock's contact.
-        clamp_nodes: address of the controller of each clamp.
-        clamp_outputs: number of the digital output that opens each clamp.
-        clamp_inputs: number of the digital input with each clamp's contact.
     """
 
+    control: ClassVar[Control] = Control.POSITION
+
     following_error_mm: float = quantity(2.0, 0.01, 1000.0)
-    lock_nodes: list[int] = quantity([], 1, 127)
-    lock_outputs: list[int] = quantity([], 1, 4)
-    lock_inputs: list[int] = quantity([], 1, 6)
-    clamp_nodes: list[int] = quantity([], 1, 127)
-    clamp_outputs: list[int] = quantity([], 1, 4)
-    clamp_inputs: list[int] = quantity([], 1, 6)
-
-    @property
-    def control(self) -> Control:
-        """See `Epos2Settings`."""
-        return Control.POSITION
-
-    @property
-    def following_error(self) -> float:
-        """See `Epos2Settings`."""
-        return 1e-3 * self.following_error_mm
-
-    @property
-    def seeking(self) -> Self:
-        """See `Epos2Settings`; one that is held up by its end is left behind, and no fault."""
-        return replace(super().seeking, following_error_mm=_UNBOUNDED_MM)
-
-    @property
-    def switches(self) -> tuple[SwitchGroup, ...]:
-        """See `Epos2Settings`."""
-        groups = (
-            group("locks", "lock", self.lock_nodes, self.lock_outputs, self.lock_inputs),
-            group("clamps", "clamp", self.clamp_nodes, self.clamp_outputs, self.clamp_inputs),
-        )
-        return tuple(each for each in groups if each.switches)
 
 
 @dataclass
-class ForceSettings(LoadSettings):
-    """Axes whose forces or torques are commanded: see `Epos2Forces`.
+class Push(Load):
+    """Axes whose forces or torques are commanded: see `Cia402Forces`.
 
     Attributes:
         limit_lead_ms: time ahead for which an axis, at its velocity, must still be within its
@@ -519,32 +511,10 @@ class ForceSettings(LoadSettings):
 
     limit_lead_ms: float = quantity(20.0, 1.0, 1000.0)
 
-    @property
-    def control(self) -> Control:
-        """See `Epos2Settings`."""
-        return Control.FORCE
-
-    @property
-    def limit_lead(self) -> float:
-        """Time ahead for which an axis must still be within its ends [s]."""
-        return 1e-3 * self.limit_lead_ms
-
-    @property
-    def max_force(self) -> float:
-        """Largest force or torque of an axis [N or N m]."""
-        raise NotImplementedError(f"{type(self).__name__} does not define max_force")
-
-    @property
-    def force_per_current(self) -> float:
-        """Force or torque of an axis by the current of its motor [N/A or N m/A]."""
-        raise NotImplementedError(f"{type(self).__name__} does not define force_per_current")
-
 
 @dataclass
-class ForceSlideSettings(ForceSettings, StrokeSettings):
-    """Slides whose forces are commanded: see `StrokeSettings`, also for what is said of screws.
-
-    A slide that is driven by a belt has the circumference of the belt's pulley as its lead.
+class ForceSlideSettings(Screw, Push):
+    """Slides whose forces are commanded.
 
     Attributes:
         max_force_N: largest force of a slide [N].
@@ -553,22 +523,14 @@ class ForceSlideSettings(ForceSettings, StrokeSettings):
             way of the slide.
     """
 
-    max_force_N: float = quantity(400.0, 0.1, 1e5)  # noqa: N815 (the unit's symbol)
+    control: ClassVar[Control] = Control.FORCE
+
+    max_force_N: float = quantity(400.0, 0.1, 1e5)  # noqa: N815
     force_per_current_N_A: float = quantity(100.0, 0.01, 1e5)  # noqa: N815
-
-    @property
-    def max_force(self) -> float:
-        """See `ForceSettings`."""
-        return self.max_force_N
-
-    @property
-    def force_per_current(self) -> float:
-        """See `ForceSettings`."""
-        return self.force_per_current_N_A
 
 
 @dataclass
-class TorqueSettings(ForceSettings, TurnSettings):
+class TorqueSettings(Gear, Angles, Push):
     """Axes that turn behind a gear, and whose torques are commanded.
 
     Attributes:
@@ -577,20 +539,7 @@ class TorqueSettings(ForceSettings, TurnSettings):
             the motor's torque constant by the gear.
     """
 
-    max_torque_Nm: float = quantity(20.0, 0.001, 10_000.0)  # noqa: N815 (the unit's symbol)
+    control: ClassVar[Control] = Control.FORCE
+
+    max_torque_Nm: float = quantity(20.0, 0.001, 10_000.0)  # noqa: N815
     torque_per_current_Nm_A: float = quantity(5.0, 1e-4, 10_000.0)  # noqa: N815
-
-    @property
-    def command_signal(self) -> str:
-        """See `Epos2Settings`."""
-        return "torque_command"
-
-    @property
-    def max_force(self) -> float:
-        """See `ForceSettings`."""
-        return self.max_torque_Nm
-
-    @property
-    def force_per_current(self) -> float:
-        """See `ForceSettings`."""
-        return self.torque_per_current_Nm_A

@@ -6,19 +6,25 @@ import threading
 
 import pytest
 
-from parapod.systems.hardware.canopen import NOT_VALID, Entry
-from parapod.systems.hardware.device import DeviceError
-from parapod.systems.hardware.ds402 import DriveState
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import Epos2Controller, reports, set_up_of
-from parapod.systems.hardware.epos2.positions import Epos2Positions
-from parapod.systems.hardware.epos2.settings import PositionScrewSettings
-from parapod.systems.hardware.epos2.switches import (
+from parapod.systems.hardware.canopen import NOT_VALID, Entry, mapping_of
+from parapod.systems.hardware.cia402.controller import (
+    Cia402Controller,
+    outputs_pdo,
+    process_data,
+    reports,
+    set_up_of,
+)
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.positions import Cia402Positions
+from parapod.systems.hardware.cia402.settings import AxesSettings, PositionScrewSettings
+from parapod.systems.hardware.cia402.switches import (
     Switch,
     SwitchBoard,
     SwitchGroup,
     switches_of_limbs,
 )
+from parapod.systems.hardware.device import DeviceError
+from parapod.systems.hardware.ds402 import DriveState
 
 LIMBS, LOCKS = 2, 8
 START = 0.7
@@ -86,7 +92,7 @@ def test_a_start_closes_what_a_killed_program_has_left_open(make_legs, monkeypat
         put(name, values)
 
     monkeypatch.setattr(legs.harness, "set", seen)
-    with contextlib.closing(Epos2Positions(legs.rig.settings, legs.drives._timing)) as second:
+    with contextlib.closing(Cia402Positions(legs.rig.settings, legs.drives._timing)) as second:
         second.configure()
         legs.rig.wait_alone(lambda: wires(legs) == ALL_CLOSED)
     # No axis had power any more.
@@ -136,19 +142,19 @@ def test_what_a_node_does_with_other_outputs_stays_as_it_is(make_legs):
     legs = make_legs(lock_nodes=[1], lock_outputs=[2], lock_inputs=[2])
     node = legs.nodes.nodes[0]._slave
     others = 0xA101  # outputs 1 and 3, H, and a fault
-    for entry, value in ((objects.OUTPUT_MASK, others), (objects.OUTPUT_STATE, others)):
+    for entry, value in ((EPOS2.outputs.ones[0], others), (EPOS2.outputs.state, others)):
         node.node.set_data(entry.index, entry.subindex, entry.pack(value))
-    node.node.set_data(0x2078, 3, objects.OUTPUT_POLARITY.pack(0x6000))
+    node.node.set_data(0x2078, 3, EPOS2.outputs.zeros[0].pack(0x6000))
     legs.activate()
     for is_closed in (0.0, 1.0, 0.0):
         legs.cycle(START, locks=(is_closed,), clamps=(1.0,) * LIMBS)
         legs.rig.wait_alone(lambda c=is_closed: legs.wire("locks.command") == (c,))
-        assert node.get(objects.OUTPUT_STATE) == others | (0 if is_closed else 0x4000)
+        assert node.get(EPOS2.outputs.state) == others | (0 if is_closed else 0x4000)
     legs.drives.deactivate()
-    assert node.get(objects.OUTPUT_STATE) == others
-    assert node.get(objects.OUTPUT_MASK) == others | 0x4000
-    assert node.get(objects.OUTPUT_POLARITY) == 0x2000
-    assert node.get(objects.OUTPUT_FUNCTION[1]) == 14
+    assert node.get(EPOS2.outputs.state) == others
+    assert node.get(EPOS2.outputs.ones[0]) == others | 0x4000
+    assert node.get(EPOS2.outputs.zeros[0]) == 0x2000
+    assert node.get(EPOS2.outputs.function[1]) == 14
 
 
 # --- contacts
@@ -195,7 +201,7 @@ def test_a_clamp_and_the_emergency_stop_share_a_node(legs):
 
 def test_an_input_that_stops_the_drive_itself_is_not_taken(make_legs):
     legs = make_legs()
-    data = objects.QUICK_STOP_FUNCTION.to_bytes(2, "little")
+    data = EPOS2.inputs.quick_stop.to_bytes(2, "little")
     legs.nodes.nodes[2]._slave.node.set_data(0x2070, 3, data)
     with pytest.raises(DeviceError) as caught:
         legs.drives.configure()
@@ -212,7 +218,9 @@ def test_only_nodes_with_outputs_have_a_frame_for_them():
     limbs |= {"clamp_outputs": [1, 1, 2], "clamp_inputs": [1, 1, 2]}
     settings = PositionScrewSettings(node_ids=[1, 2, 3, 4, 5, 6], **limbs)
     for node_id in settings.node_ids:
-        values = dict(set_up_of(settings, node_id))
+        values = dict(
+            [*set_up_of(settings), *mapping_of(process_data(settings, node_id), node_id)]
+        )
         has_some = node_id != 6
         assert values[Entry(0x1402, 1, "<I")] == (
             0x400 + node_id if has_some else 0x400 + node_id | NOT_VALID
@@ -312,7 +320,7 @@ def test_an_end_closes_all_also_when_no_node_has_time_to_confirm_it(legs, monkey
         legs.tick(1.0)
         raise DeviceError(controller.name, "keeps its power")
 
-    monkeypatch.setattr(Epos2Controller, "disable", disable)
+    monkeypatch.setattr(Cia402Controller, "disable", disable)
     with pytest.raises(DeviceError, match="node 1: keeps its power"):
         legs.drives.deactivate()
     legs.rig.wait_alone(lambda: wires(legs) == ALL_CLOSED)
@@ -322,7 +330,7 @@ def test_an_end_makes_sure_that_all_is_closed(legs):
     switch(legs, LOOSE)
     # Frames with process data of the outputs are lost.
     for node, line in zip(legs.node_ids, legs.nodes._lines, strict=True):
-        line._subscribers.pop(objects.OUTPUTS.base + node)
+        line._subscribers.pop(outputs_pdo(AxesSettings()).base + node)
     legs.drives.deactivate()
     legs.rig.wait_alone(lambda: wires(legs) == ALL_CLOSED)
 

@@ -1,33 +1,31 @@
-"""Position-controlled axes: Maxon motors on EPOS2 24/5 controllers on a CANopen bus."""
+"""Position-controlled axes."""
 
 import math
 from collections.abc import Callable, Sequence
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware.canopen import wrapped
+from parapod.systems.hardware.cia402.controller import Timing
+from parapod.systems.hardware.cia402.device import LONGEST, Cia402Device, unwrapped
+from parapod.systems.hardware.cia402.settings import AxesSettings
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ds402 import Controlword
-from parapod.systems.hardware.epos2.controller import Timing
-from parapod.systems.hardware.epos2.device import Epos2Device, unwrapped
-from parapod.systems.hardware.epos2.settings import Epos2Settings
 
-# Longest time that counts between two commands [s]: two periods at 100 Hz. After a longer pause an
-# axis goes on from where it is, and makes up for nothing.
-_LONGEST = 0.02
 # A measurement that is older tells nothing about where an axis is [s].
 _FRESH = 0.1
 
 
-class Epos2Positions(Epos2Device):
-    """Position-controlled axes in the controllers' position mode; see also `Epos2Device`.
+class Cia402Positions(Cia402Device):
+    """Axes whose positions are commanded; see also `Cia402Device`.
 
     | signal | size | unit | meaning |
     |---|---|---|---|
     | command `position_command` | n | rad or m | where the axes are to be by the next command |
 
-    The mode has no profile: an axis goes to its set value (0x2062) at once, and the driver moves
-    that. From one command to the next a set value goes by `max_velocity` times the time between
-    them at most, and no pause counts for more than 20 ms; so no command makes an axis faster. A
+    The mode has no profile, be it an EPOS2's position mode (-1) or the cyclic synchronous one of
+    others (8): an axis goes to its set value at once, and the driver moves that. From one command
+    to the next a set value goes by `max_velocity` times the time between them at most, and no
+    pause counts for more than 20 ms; so no command makes an axis faster. A
     command that is not finite leaves its axis where it is. Commands beyond the ends of the strokes
     are those of the ends; an axis that is beyond one can only come back.
 
@@ -43,12 +41,12 @@ class Epos2Positions(Epos2Device):
 
     def __init__(
         self,
-        settings: Epos2Settings,
+        settings: AxesSettings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
         clock: Callable[[], float] = monotonic,
     ):
-        """See `Epos2Device`."""
+        """See `Cia402Device`."""
         super().__init__(settings, timing, is_synchronous, clock)
         self._strokes = settings.strokes
         self._wanted: Sequence[float] | None = None
@@ -56,7 +54,7 @@ class Epos2Positions(Epos2Device):
         self._set, self._moved = [0] * len(settings.node_ids), -math.inf
 
     def seek_reference(self) -> None:
-        """See `Epos2Device`."""
+        """See `Cia402Device`."""
         super().seek_reference()
         self._strokes = None
 
@@ -89,7 +87,7 @@ class Epos2Positions(Epos2Device):
         if self._word is not Controlword.ENABLE_OPERATION:
             self._set = [count or 0 for count in self._counts]
         elif self._wanted is not None and self._is_fresh:
-            self._set = self._moved_on(self._wanted, min(now - self._moved, _LONGEST))
+            self._set = self._moved_on(self._wanted, min(now - self._moved, LONGEST))
         self._moved = now
         self._send(Controlword.ENABLE_OPERATION, [wrapped(value) for value in self._set])
 

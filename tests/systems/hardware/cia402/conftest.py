@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.settings import Control, PositionScrewSettings
+from parapod.systems.hardware.cia402.switches import switches_of_limbs
 from parapod.systems.hardware.emulation.harness import Harness
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.emulator import EmulatedMotor
-from parapod.systems.hardware.epos2.settings import PositionScrewSettings
-from parapod.systems.hardware.epos2.switches import switches_of_limbs
 
 LIMBS = 2
 AXES = 2 * LIMBS
@@ -86,7 +86,7 @@ class Legs:
 
     def settings(self, axis):
         """Set values that have been sent to an axis, in its direction [counts]."""
-        pdo = objects.POSITION_MODE.target
+        pdo = EPOS2.modes[Control.POSITION][0].target
         can_id = pdo.base + self.node_ids[axis]
         return [SIGNS[axis] * pdo.unpack(data)[0] for i, data in self.frames if i == can_id]
 

@@ -10,13 +10,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from parapod.systems.hardware.canopen import HEARTBEAT_BASE, SYNC_ID, Entry
+from parapod.systems.hardware.canopen import HEARTBEAT_BASE, SYNC_ID, Entry, mapping_of
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.controller import process_data, reports, set_up_of
+from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.settings import ScrewSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import reports, set_up_of
-from parapod.systems.hardware.epos2.emulator import EmulatedMotor
-from parapod.systems.hardware.epos2.settings import ScrewSettings
 from parapod.systems.hardware.soft_limits import SoftLimits
 
 AXES = 12
@@ -184,7 +185,7 @@ def test_a_sign_turns_command_position_velocity_and_current_round(make_screws):
 
 def test_a_current_takes_two_bytes_of_the_frame_of_the_velocity():
     settings = ScrewSettings(node_ids=[*IDS], signs=[*SIGNS])
-    values = dict(set_up_of(settings, 3))
+    values = dict([*set_up_of(settings), *mapping_of(process_data(settings, 3), 3)])
     assert values[Entry(0x1A01, 0, "<B")] == 2
     assert values[Entry(0x1A01, 1, "<I")] == 0x606C0020
     assert values[Entry(0x1A01, 2, "<I")] == 0x20270010
@@ -395,14 +396,16 @@ def test_a_cycle_sends_one_request_for_all_nodes_and_one_command_to_each(screws)
         screws.drives.read()
         screws.drives.write(legs(0.0))
     own = {can_id: count for can_id, count in sent.items() if can_id < HEARTBEAT_BASE}
-    assert own == dict.fromkeys((SYNC_ID, *(objects.TARGET.base + node for node in IDS)), 10)
+    assert own == dict.fromkeys(
+        (SYNC_ID, *(objects.PROFILE_VELOCITY.target.base + node for node in IDS)), 10
+    )
 
 
 # The reference
 
 
 def limit_of(rig, node=1):
-    return rig.nodes.nodes[node - 1]._slave.get(objects.OUTPUT_CURRENT_LIMIT)
+    return rig.nodes.nodes[node - 1]._slave.get(EPOS2.current_limit)
 
 
 def test_screws_that_look_for_their_ends_have_no_limits_and_little_force(make_screws, tmp_path):

@@ -1,4 +1,4 @@
-"""Axes on EPOS2 24/5 controllers on a CANopen bus, whatever is commanded of them."""
+"""Axes on CiA 402 drives on a CANopen bus, whatever is commanded of them."""
 
 import math
 from abc import abstractmethod
@@ -6,35 +6,37 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 
 from parapod.systems.core.switching import switched
-from parapod.systems.hardware.canopen import HEARTBEAT_BASE, CanopenBus, wrapped
-from parapod.systems.hardware.clock import monotonic, sleep
-from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ds402 import Controlword, DriveState
-from parapod.systems.hardware.epos2.controller import (
-    MASTER_ID,
+from parapod.systems.hardware.canopen import MASTER_ID, CanopenBus, wrapped
+from parapod.systems.hardware.cia402.controller import (
     POLL,
     STANDSTILL,
+    Cia402Controller,
     Condition,
-    Epos2Controller,
     Sample,
     Timing,
     stopping_time,
 )
-from parapod.systems.hardware.epos2.settings import Control, Epos2Settings
-from parapod.systems.hardware.epos2.switches import SwitchBoard, check_switches
+from parapod.systems.hardware.cia402.settings import AxesSettings, Control
+from parapod.systems.hardware.cia402.switches import SwitchBoard, check_switches
+from parapod.systems.hardware.clock import monotonic, sleep
+from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
+from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.soft_limits import check_order
 
 # Longest time until a drive leaves a quick stop of this program [s].
 _OBEYING = 0.05
 _RELEASED = (0.0,)  # brake of axes that are not commanded to brake
+# Longest time that counts between two commands [s]: two periods at 100 Hz. After a longer pause an
+# axis goes on from where it is, and makes up for nothing.
+LONGEST = 0.02
 # Silences of a node while axes stop after which that is an error.
 _SILENCES = 2
 # Time for which nodes are asked whether their power is gone, once one of them was silent [s].
 _CONFIRMING = 0.3
 
 
-class Epos2Device(IncrementalDevice):
+class Cia402Device(IncrementalDevice):
     """Axes, one controller (node) each, and locks and clamps at the controllers' digital outputs.
 
     | signal | size | unit | meaning |
@@ -47,14 +49,14 @@ class Epos2Device(IncrementalDevice):
     | command `brake` | 1 | - | 0: released; all else: stop and hold; with `has_brake` |
     | command `<part>.command` | k | - | of locks or clamps; 0: open, 1: closed |
 
-    What else is commanded, a mode of operation says: `Epos2`, `Epos2Positions` and `Epos2Forces`,
-    whose axes nothing holds.
+    What else is commanded, a mode of operation says: `Cia402Velocities`, `Cia402Positions` and
+    `Cia402Forces`, whose axes nothing holds.
 
     The brake is the drives' quick stop: they stop on a ramp of its own, which is steeper than that
     of a command, hold the axes with power, and ignore set values until `brake` falls, whatever
     goes wrong on this side. The position goes on counting, so a release needs no homing. Without
     power, after `deactivate` or a fault, nothing holds the axes but the friction of gear and
-    screw. For `Epos2Forces`, which have no such ramp, it is another.
+    screw. For `Cia402Forces`, which have no such ramp, it is another.
 
     **Switches.** Locks and clamps are closed by springs and opened by power. `configure` closes
     all, once no axis has power. From `activate` to `deactivate` each is as it is commanded, also
@@ -73,8 +75,8 @@ class Epos2Device(IncrementalDevice):
 
     **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
     or stops by itself has all others stop quickly at the reading that tells it, and stay so as
-    after an emergency stop. For a node that is silent see "Limits" of `Epos2`, and "Silence" of
-    `Epos2Positions` and of `Epos2Forces`.
+    after an emergency stop. For a node that is silent see "Limits" of
+    `Cia402Velocities`, and "Silence" of `Cia402Positions` and of `Cia402Forces`.
 
     **Reference.** The controllers count from zero since their power-on. `position` is absolute
     when the settings say where the axes are at `configure`, or after `set_reference`. Where there
@@ -95,7 +97,7 @@ class Epos2Device(IncrementalDevice):
 
     def __init__(
         self,
-        settings: Epos2Settings,
+        settings: AxesSettings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
         clock: Callable[[], float] = monotonic,
@@ -133,7 +135,7 @@ class Epos2Device(IncrementalDevice):
         self.commands = {self.command_signal: axes} | brake | self._switches.commands
         self.fail_safe = (*brake, *self._switches.commands)
         self._bus: CanopenBus | None = None
-        self._controllers: list[Epos2Controller] = []
+        self._controllers: list[Cia402Controller] = []
         self._is_active = self._is_braked = self._is_referenced = False
         self._may_have_power = False
         # Whether all axes stood at the newest reading.
@@ -142,7 +144,7 @@ class Epos2Device(IncrementalDevice):
         self._is_pressed = self._is_stopped = False
         self._beaten = self._measured = -math.inf
         self._counts: list[int | None] = []
-        self._offset, self._position = [0.0] * axes, [0.0] * axes
+        self._offset, self._position, self._velocity = ([0.0] * axes for _ in range(3))
         # The controlword that was sent last, and since when.
         self._word, self._worded = Controlword.DISABLE_VOLTAGE, -math.inf
 
@@ -163,7 +165,7 @@ class Epos2Device(IncrementalDevice):
 
         Raises:
             MissingExtra: a library is not installed.
-            DeviceError: a node is silent, not an EPOS2 24/5 with that encoder, or refuses.
+            DeviceError: a node is silent, not a drive of that maker with that encoder, or refuses.
         """
         self.close()
         settings = self._settings
@@ -171,7 +173,7 @@ class Epos2Device(IncrementalDevice):
         bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
         self._bus = bus
         self._controllers = [
-            Epos2Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
+            Cia402Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
             for i, axis in zip(settings.node_ids, names, strict=True)
         ]
         self.remarks, self._is_pressed, self._is_stopped = (), False, False
@@ -254,12 +256,9 @@ class Epos2Device(IncrementalDevice):
         self._measured = began
         self._restrain()
         settings = self._settings
-        directed = list(zip(samples, self._directions, strict=True))
-        signals = {
-            "position": self._position,
-            "velocity": [sign * settings.velocity(sample.rpm) for sample, sign in directed],
-        }
+        signals = {"position": self._position, "velocity": self._velocity}
         if settings.measures_current:
+            directed = zip(samples, self._directions, strict=True)
             signals["current"] = [1e-3 * sign * sample.milliamperes for sample, sign in directed]
         if settings.stop_node is not None:
             signals["emergency_stop"] = [float(self._is_pressed)]
@@ -359,7 +358,7 @@ class Epos2Device(IncrementalDevice):
         """Sends this computer's heartbeat if the last one is old enough."""
         bus, now = self._open_bus(), self._clock()
         if now - self._beaten >= self._timing.heartbeat_period:
-            bus.send(HEARTBEAT_BASE + MASTER_ID, b"\x05")  # operational
+            bus.beat()
             self._beaten = now
 
     def _samples(self) -> list[Sample]:
@@ -386,6 +385,8 @@ class Epos2Device(IncrementalDevice):
     def _counted(self, samples: Sequence[Sample]) -> list[float]:
         """Positions of the axes, with their reference if there is one."""
         self._stands = all(abs(sample.rpm) <= STANDSTILL for sample in samples)
+        directed = zip(samples, self._directions, strict=True)
+        self._velocity = [sign * self._settings.velocity(s.rpm) for s, sign in directed]
         pairs = zip(samples, self._counts, strict=True)
         counts = [unwrapped(sample.counts, previous) for sample, previous in pairs]
         self._counts = [*counts]
@@ -450,7 +451,7 @@ class Epos2Device(IncrementalDevice):
         return True
 
     @property
-    def _stop_controller(self) -> Epos2Controller | None:
+    def _stop_controller(self) -> Cia402Controller | None:
         """Controller at which the emergency stop's contact is."""
         node = self._settings.stop_node
         return None if node is None else self._controllers[self._settings.node_ids.index(node)]
@@ -484,7 +485,9 @@ class Epos2Device(IncrementalDevice):
             self._is_stopped = True
             self._send(self._braking)
 
-    def _send(self, word: Controlword, settings: Sequence[int] = ()) -> None:
+    def _send(
+        self, word: Controlword, settings: Sequence[int] = (), offsets: Sequence[int] = ()
+    ) -> None:
         """Sends a controlword to all drives, with set values if it lets them move.
 
         One that lets them run is sent once: again and again it would end a quick stop that is
@@ -493,12 +496,13 @@ class Epos2Device(IncrementalDevice):
         is_new = word is not self._word or not settings
         if word is not self._word:
             self._word, self._worded = word, self._clock()
-        values = settings or (0,) * len(self._controllers)
-        for controller, setting in zip(self._controllers, values, strict=True):
+        zeros = (0,) * len(self._controllers)
+        axes = zip(self._controllers, settings or zeros, offsets or zeros, strict=True)
+        for controller, setting, offset in axes:
             if is_new:
-                controller.command(word, setting)
+                controller.command(word, setting, offset)
             else:
-                controller.steer(setting)
+                controller.steer(setting, offset)
 
     def _come_to_rest(self) -> None:
         """Stops the axes quickly, while they have power, and waits until they stand."""
@@ -522,7 +526,7 @@ class Epos2Device(IncrementalDevice):
                 if self._clock() > deadline:
                     i = speeds.index(max(speeds))
                     node = self._settings.node_ids[i]
-                    raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]} rpm")
+                    raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]:.0f} rpm")
             sleep(POLL)
 
 
@@ -551,7 +555,7 @@ def unwrapped(counts: int, previous: int | None) -> int:
     return previous + wrapped(counts - previous)
 
 
-def _check(settings: Epos2Settings, timing: Timing) -> None:
+def _check(settings: AxesSettings, timing: Timing) -> None:
     """Refuses settings that do not fit together."""
     ids = (*settings.node_ids, MASTER_ID)
     if len(set(ids)) != len(ids) or len(ids) < 2 or not all(1 <= i <= 127 for i in ids):

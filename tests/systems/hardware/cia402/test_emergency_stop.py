@@ -5,12 +5,13 @@ import time
 
 import pytest
 
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.controller import reports
+from parapod.systems.hardware.cia402.device import together
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.settings import GearSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import reports
-from parapod.systems.hardware.epos2.device import together
-from parapod.systems.hardware.epos2.settings import GearSettings
 
 NODE, INPUT = 2, 4
 STOP = {"stop_node": NODE, "stop_input": INPUT}
@@ -121,14 +122,14 @@ def test_any_digital_input_may_have_the_contact(make_stoppable, number):
 def test_the_other_inputs_stay_as_they_are(make_stoppable):
     with make_stoppable() as rig:
         node = rig.nodes.nodes[NODE - 1]._slave
-        before = {entry: node.get(entry) for entry in objects.INPUT_FUNCTION}
-        words = (objects.INPUT_MASK, objects.INPUT_POLARITY, objects.INPUT_EXECUTION)
+        before = {entry: node.get(entry) for entry in EPOS2.inputs.function}
+        words = (EPOS2.inputs.ones[0], EPOS2.inputs.zeros[0], EPOS2.inputs.zeros[1])
         node.node.set_data(0x2071, 3, (0x0107).to_bytes(2, "little"))
         node.node.set_data(0x2071, 4, (0x0007).to_bytes(2, "little"))
         was = [node.get(entry) for entry in words]
         rig.drives.configure()
-        changed = objects.INPUT_FUNCTION[INPUT - 1]
-        assert node.get(changed) == objects.general_purpose(INPUT) == 12
+        changed = EPOS2.inputs.function[INPUT - 1]
+        assert node.get(changed) == EPOS2.inputs.bits[INPUT - 1] == 12
         assert all(node.get(e) == v for e, v in before.items() if e != changed)
         bit = 1 << 12
         assert [node.get(entry) & ~bit for entry in words] == [word & ~bit for word in was]
@@ -137,7 +138,7 @@ def test_the_other_inputs_stay_as_they_are(make_stoppable):
 def test_an_input_that_stops_the_drive_itself_is_not_taken(make_stoppable):
     with make_stoppable() as rig:
         node = rig.nodes.nodes[NODE - 1]._slave.node
-        node.set_data(0x2070, INPUT, objects.QUICK_STOP_FUNCTION.to_bytes(2, "little"))
+        node.set_data(0x2070, INPUT, EPOS2.inputs.quick_stop.to_bytes(2, "little"))
         words = refused(rig.drives.configure)
         assert words == "node 2 has its quick stop at digital input 4; give another stop_input"
 
@@ -330,7 +331,7 @@ def test_a_quick_stop_at_a_digital_input_of_a_drive_is_named(make_rig):
         node = rig.nodes.nodes[2]
         data = node._slave.node
         run(rig)
-        function = objects.QUICK_STOP_FUNCTION
+        function = EPOS2.inputs.quick_stop
         for index, subindex, value in ((0x2070, 5, function), (0x2071, 2, 32), (0x2071, 4, 32)):
             data.set_data(index, subindex, value.to_bytes(2, "little"))
         time.sleep(0.06)  # they have been running for a while

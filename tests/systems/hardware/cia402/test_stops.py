@@ -9,10 +9,10 @@ import pytest
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED
+from parapod.systems.hardware.cia402 import device, objects
+from parapod.systems.hardware.cia402.controller import Timing, stopping_time
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
-from parapod.systems.hardware.epos2 import device, objects
-from parapod.systems.hardware.epos2.controller import Timing, stopping_time
 
 RUN = {"velocity_command": (2.0,) * 4, "brake": (0.0,)}
 
@@ -30,7 +30,7 @@ def deafen(rig, node_id, to_service_data=False):
     """Has a node obey no process data any more, and no controlword at all if that is wanted."""
     index = rig.nodes._ids.index(node_id)
     node, line = rig.nodes.nodes[index], rig.nodes._lines[index]
-    for pdo in (objects.COMMAND, objects.TARGET):
+    for pdo in (objects.PROFILE_VELOCITY.command, objects.PROFILE_VELOCITY.target):
         del line._subscribers[pdo.base + node_id]
     if to_service_data:
         node._slave.node._write_callbacks.remove(node._on_write)

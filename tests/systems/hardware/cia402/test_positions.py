@@ -7,15 +7,16 @@ import re
 
 import pytest
 
-from parapod.systems.hardware.canopen import Entry, wrapped
+from parapod.systems.hardware.canopen import Entry, mapping_of, wrapped
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.controller import Cia402Controller, process_data, set_up_of
+from parapod.systems.hardware.cia402.emulator import Cia402Node, EmulatedMotor, MeasuredMotor
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.settings import Control, PositionScrewSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.emulation.canopen_slave import SlaveLine
 from parapod.systems.hardware.emulation.harness import Misbehaviour
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import Epos2Controller, set_up_of
-from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Node, MeasuredMotor
-from parapod.systems.hardware.epos2.settings import PositionScrewSettings
 
 AXES = 4
 COUNT = 5e-3 / (5.0 * 2000.0)  # 0.5 um
@@ -45,7 +46,7 @@ def fault_of(call, *arguments):
 
 def test_the_mode_its_set_value_and_the_following_error_are_set_up():
     settings = PositionScrewSettings(reduction=5.0, following_error_mm=3.0, max_velocity_rpm=4000)
-    written = list(set_up_of(settings, 3))
+    written = [*set_up_of(settings), *mapping_of(process_data(settings, 3), 3)]
     values = dict(written)
     assert values[objects.MODE] == -1
     assert values[objects.MAX_FOLLOWING_ERROR] == 6000
@@ -60,7 +61,7 @@ def test_the_mode_its_set_value_and_the_following_error_are_set_up():
 
 def test_a_controlword_travels_without_a_set_value(legs):
     legs.cycle(START, brake=1.0)
-    command = objects.POSITION_MODE.command
+    command = EPOS2.modes[Control.POSITION][0].command
     frames = [
         data for can_id, data in legs.frames if command.base < can_id < command.base + AXES + 1
     ]
@@ -168,7 +169,7 @@ def test_axes_that_look_for_their_ends_have_none_and_little_force(make_legs, tmp
     legs.drives.seek_reference()
     legs.activate()  # although nobody knows the positions
     node = legs.nodes.nodes[0]._slave
-    assert node.get(objects.OUTPUT_CURRENT_LIMIT) == 400
+    assert node.get(EPOS2.current_limit) == 400
     assert node.get(objects.MAX_FOLLOWING_ERROR) == round(1.0 / COUNT)
     for _ in range(5):
         legs.cycle(-1.0)
@@ -201,7 +202,7 @@ def test_an_axis_that_moves_while_its_drive_is_switched_on_is_enabled_where_it_i
 ):
     legs = make_legs()
     legs.harness.is_following = False
-    reach = Epos2Controller._wait_for
+    reach = Cia402Controller._wait_for
 
     def sink(controller, state):
         reach(controller, state)
@@ -209,7 +210,7 @@ def test_an_axis_that_moves_while_its_drive_is_switched_on_is_enabled_where_it_i
             legs.harness.set("legs.position", [0.69] * AXES)
             legs.rig.wait_alone(lambda: legs.nodes.nodes[0].measured.position == 0.69)
 
-    monkeypatch.setattr(Epos2Controller, "_wait_for", sink)
+    monkeypatch.setattr(Cia402Controller, "_wait_for", sink)
     legs.activate()
     legs.cycle(math.nan)
     assert legs.settings(0) == pytest.approx([round((0.69 - START) / COUNT)], abs=1)
@@ -415,7 +416,7 @@ def node(request):
         line = SlaveLine(bus, Misbehaviour(), lambda: 0.0)
         shown = getattr(request, "param", 0)  # 2 counts are 1 um
         motor = EmulatedMotor(1e-3 * 2.0 * math.pi / 1e-6, position_offset=shown, sign=-1)
-        node = Epos2Node(1, line, motor, 0.5)
+        node = Cia402Node(1, line, motor, 0.5)
         send(node, objects.MODE, -1)
         send(node, objects.MAX_FOLLOWING_ERROR, 1_000_000)
         yield node
@@ -434,21 +435,21 @@ def enable(node):
 def test_an_emulated_axis_comes_to_where_it_shows_what_it_was_set(node):
     enable(node)
     for counts in (123_456, 120_000):
-        send(node, objects.POSITION_SETTING, counts)
+        send(node, EPOS2.modes[Control.POSITION][0].setting, counts)
         node.step(0.0)
         node.measured = MeasuredMotor(node.position)
         assert node._on_read(objects.POSITION.index) == counts
 
 
 def test_an_emulated_axis_stands_until_its_operation_is_enabled(node):
-    send(node, objects.POSITION_SETTING, 4000)
+    send(node, EPOS2.modes[Control.POSITION][0].setting, 4000)
     node.step(0.0)
     assert node.position == 0.5
     enable(node)
     node.step(0.01)
     assert node.position == pytest.approx(0.5 - 4000 * node._way(1.0))
     send(node, objects.CONTROLWORD, Controlword.DISABLE_VOLTAGE)
-    send(node, objects.POSITION_SETTING, 0)
+    send(node, EPOS2.modes[Control.POSITION][0].setting, 0)
     node.step(0.02)
     assert node.position == pytest.approx(0.5 - 4000 * node._way(1.0))
 

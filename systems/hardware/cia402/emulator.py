@@ -1,7 +1,7 @@
-"""EPOS2 24/5 controllers, emulated on a bus: `virtual`, or SLCAN for other processes.
+"""CiA 402 drives of any maker, emulated on a bus: `virtual`, or SLCAN for other processes.
 
-Drive state machine; profile velocity, position and current mode; digital inputs and outputs;
-faults.
+Drive state machine; profile and cyclic velocity, positions, currents or torques; digital inputs
+and outputs; faults. A maker's table says in which objects and units.
 """
 
 import math
@@ -20,6 +20,10 @@ from parapod.systems.hardware.canopen import (
     Entry,
     wrapped,
 )
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.makers import EPOS2, Maker
+from parapod.systems.hardware.cia402.settings import Control
+from parapod.systems.hardware.cia402.switches import SwitchGroup
 from parapod.systems.hardware.clock import computer_time, monotonic
 from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulation.canopen_slave import (
@@ -29,8 +33,6 @@ from parapod.systems.hardware.emulation.canopen_slave import (
 )
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour, is_supplied
 from parapod.systems.hardware.emulation.slcan import SlcanPty
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.switches import SwitchGroup
 
 # What an EPOS2 adds to CiA 402's bits: offsets measured, and voltage enabled [EPOS2 firmware
 # specification, states of the drive].
@@ -38,13 +40,17 @@ _OFFSETS_MEASURED, _VOLTAGE_ENABLED = 0x0100, 0x0010
 _RPM = 2.0 * math.pi / 60.0  # [rad/s]
 # Error register: generic, voltage, communication (CiA 301).
 _GENERIC, _VOLTAGE, _COMMUNICATION = 0x01, 0x04, 0x10
-# Inputs 1 to 6 as the maker delivers them: general purpose A to C, home, positive and negative
-# limit switch [EPOS2 24/5 Hardware Reference, 4.5]; and which of their bits are shown.
-_INPUT_FUNCTIONS, _INPUT_MASK = (15, 14, 13, 2, 1, 0), 0xE007
-
-# Outputs 1 to 4 before anybody configures them (assumption: the last one shows a fault, so that a
-# driver that relies on it is found out).
-_OUTPUT_FUNCTIONS = (15, 14, 13, 0)
+# Functions of an EPOS2's inputs 1 to 6 as the maker delivers it: general purpose A to C, home,
+# positive and negative limit switch [EPOS2 24/5 Hardware Reference, 4.5]; which of them are shown;
+# and the functions of its outputs (assumption: the last one shows a fault, so that a driver that
+# relies on it is found out).
+_DELIVERED = {
+    **dict(zip(EPOS2.inputs.function, (15, 14, 13, 2, 1, 0), strict=True)),
+    EPOS2.inputs.ones[0]: 0xE007,
+    **dict(zip(EPOS2.outputs.function, (15, 14, 13, 0), strict=True)),
+}
+# Rated current of an emulated motor [mA].
+RATED = 4000
 
 # A motor stands below this share of its demand; the integral part of its velocity's control then
 # takes the current to its limit within this time [s] (assumption).
@@ -57,8 +63,10 @@ class EmulatedMotor(NamedTuple):
     Attributes:
         gear: turn of the motor [rad] for one unit of the axis, rad or m.
         pulses: encoder pulses per turn of the motor; four counts each.
-        vendor: maxon, except in tests.
-        hardware: version of the hardware, the EPOS2 24/5's unless a test has another.
+        maker: maker of the drive, whose identity, objects and units it has.
+        profile: number of the profile that it says it has; 402, except in tests.
+        vendor: vendor that it says it is of; None: the maker.
+        hardware: model that it says it is; None: the first one of the maker.
         position_offset: counts that the controller shows when it is switched on.
         sign: -1 where the motor's positive direction is the axis's negative one.
         force_per_current: force or torque of the axis by the motor's current [N/A or N m/A].
@@ -66,8 +74,10 @@ class EmulatedMotor(NamedTuple):
 
     gear: float = 26.0
     pulses: int = 500
-    vendor: int = objects.MAXON
-    hardware: int = objects.EPOS2_24_5
+    maker: Maker = EPOS2
+    profile: int = objects.DRIVE_PROFILE
+    vendor: int | None = None
+    hardware: int | None = None
     position_offset: int = 0
     sign: int = 1
     force_per_current: float = 0.0
@@ -87,8 +97,8 @@ class MeasuredMotor(NamedTuple):
     current: float = 0.0
 
 
-class Epos2Node:
-    """One controller; the simulation reads `velocity`, moves the motor and sets `measured`.
+class Cia402Node:
+    """One drive; the simulation reads `velocity`, moves the motor and sets `measured`.
 
     What is emulated is the controller's firmware: states, ramps of its profile, limits, whole
     rpm, counts. How fast and how well the motor then follows the ramp is the machine's matter.
@@ -109,11 +119,12 @@ class Epos2Node:
             motor: motor that it drives.
             switched_on_at: position of the axis [rad or m], from which it counts.
         """
-        self._motor, self._zero = motor, switched_on_at
+        self._motor, self._maker, self._zero = motor, motor.maker, switched_on_at
+        self._per_rpm = motor.maker.per_rpm(4 * motor.pulses)
         self.state = DriveState.SWITCH_ON_DISABLED
         self.measured = MeasuredMotor(switched_on_at)
         self._history: list[int] = []  # from the newest to the oldest error
-        self._inputs, self._is_supplied = [False] * objects.INPUT_COUNT, True
+        self._inputs, self._is_supplied = [False] * len(motor.maker.inputs.bits), True
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
         self._position = switched_on_at
         self._held_up = 0.0  # how long the motor has stood against its demand [s]
@@ -138,11 +149,11 @@ class Epos2Node:
 
     @property
     def force(self) -> float:
-        """Force or torque of the axis [N or N m]; 0 unless it runs in current mode.
+        """Force or torque of the axis [N or N m]; 0 unless it runs in a mode for that.
 
-        There is no limit of its velocity (assumption: the drive's own, 0x6410:04, may not help).
+        There is no limit of its velocity (assumption: the drive's own may not help).
         """
-        is_pushing = self._runs(objects.CURRENT_MODE)
+        is_pushing = self._runs(Control.FORCE)
         return self._motor.force_per_current * self._current if is_pushing else 0.0
 
     @property
@@ -151,9 +162,15 @@ class Epos2Node:
 
         They stay as they are when the heartbeat is lost, and in a fault (assumption).
         """
-        state = self._slave.written(objects.OUTPUT_STATE) & self._slave.get(objects.OUTPUT_MASK)
-        active = state ^ self._slave.get(objects.OUTPUT_POLARITY)
-        return tuple(bool(active >> self._slave.get(e) & 1) for e in objects.OUTPUT_FUNCTION)
+        pins, slave = self._maker.outputs, self._slave
+        state = slave.written(pins.state)
+        if pins is not EPOS2.outputs:
+            return tuple(bool(state & pins.mask(k + 1)) for k in range(len(pins.bits)))
+        for mask in pins.ones:
+            state &= slave.get(mask)
+        for polarity in pins.zeros:
+            state ^= slave.get(polarity)
+        return tuple(bool(state >> slave.get(entry) & 1) for entry in pins.function)
 
     def hear(self, can_id: int, now: float) -> None:
         """Takes note of a frame that may be the master's heartbeat.
@@ -185,7 +202,7 @@ class Epos2Node:
         """
         self._is_supplied = is_there
         if not is_there and self.state is not DriveState.FAULT:
-            self.trip(objects.UNDERVOLTAGE, _GENERIC | _VOLTAGE)
+            self.trip(min(self._maker.undervoltage), _GENERIC | _VOLTAGE)
             self.state, self._demand = DriveState.FAULT, 0.0
 
     def connect(self, number: int, has_voltage: bool) -> None:
@@ -198,14 +215,22 @@ class Epos2Node:
         self._inputs[number - 1] = has_voltage
 
     @property
+    def _speed_limits(self) -> tuple[Entry, ...]:
+        """Entries of the largest velocity of a profile, in the drive's unit."""
+        limits = self._maker.speed_limits[Control.VELOCITY]
+        return tuple(entry for entry in limits if entry != objects.MAX_MOTOR_VELOCITY)
+
+    @property
     def _functions(self) -> int:
-        """State of the functionalities of the digital inputs (0x2071:01)."""
-        polarity, mask = (
-            self._slave.get(entry) for entry in (objects.INPUT_POLARITY, objects.INPUT_MASK)
-        )
+        """State of the digital inputs: of an EPOS2, of their functionalities."""
+        pins, slave = self._maker.inputs, self._slave
+        pairs = list(enumerate(self._inputs, start=1))
+        if pins is not EPOS2.inputs:
+            return sum(pins.mask(number) for number, has_voltage in pairs if has_voltage)
+        mask, polarity = slave.get(pins.ones[0]), slave.get(pins.zeros[0])
         active = 0
-        for entry, has_voltage in zip(objects.INPUT_FUNCTION, self._inputs, strict=True):
-            bit = 1 << self._slave.get(entry)
+        for number, has_voltage in pairs:
+            bit = 1 << slave.get(pins.function[number - 1])
             active |= bit if has_voltage != bool(polarity & bit) else 0
         return active & mask
 
@@ -217,8 +242,7 @@ class Epos2Node:
         self._demand = self._ramped(elapsed)
         self._position = self._led(elapsed)
         self._held_up = self._held_up + elapsed if self._is_held_up else 0.0
-        stops = self._slave.written(objects.INPUT_EXECUTION) & 1 << objects.QUICK_STOP_FUNCTION
-        if stops and stops & self._functions and is_energised(self.state):
+        if self._has_quick_stop and is_energised(self.state):
             self.state = DriveState.QUICK_STOP_ACTIVE
         if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
             self.state = DriveState.FAULT
@@ -227,14 +251,33 @@ class Epos2Node:
             self.trip(objects.FOLLOWING_ERROR)
 
     @property
+    def _has_quick_stop(self) -> bool:
+        """Whether an EPOS2 executes a quick stop that one of its inputs asks for."""
+        pins = self._maker.inputs
+        if pins is not EPOS2.inputs or pins.quick_stop is None:
+            return False
+        stops = self._slave.written(pins.zeros[1]) & 1 << pins.quick_stop
+        return bool(stops and stops & self._functions)
+
+    @property
     def _is_led(self) -> bool:
         """Whether the axis follows set values of its position."""
-        return self._runs(objects.POSITION_MODE)
+        return self._runs(Control.POSITION)
 
-    def _runs(self, mode: objects.Mode) -> bool:
-        """Whether the drive runs in a mode."""
-        is_running = self.state is DriveState.OPERATION_ENABLED
-        return is_running and self._slave.get(objects.MODE) == mode.number
+    def _runs(self, control: Control) -> bool:
+        """Whether the drive runs in a mode for what is commanded."""
+        if self.state is not DriveState.OPERATION_ENABLED:
+            return False
+        mode = self._slave.get(objects.MODE)
+        return any(mode == each.number for each in self._maker.modes[control])
+
+    def _setting(self, control: Control) -> int:
+        """Set value of the modes for what is commanded."""
+        return self._slave.get(self._maker.modes[control][0].setting)
+
+    def _milliamperes(self, value: float, is_relative: bool) -> float:
+        """Current of a value in the drive's unit."""
+        return 1e-3 * RATED * value if is_relative else value
 
     def _way(self, counts: float) -> float:
         """Way of the axis [rad or m] for counts of its motor."""
@@ -244,7 +287,7 @@ class Epos2Node:
         """Position that is demanded next: the set value, or where a stop leads [rad or m]."""
         motor = self._motor
         if self._is_led:
-            setting = self._slave.get(objects.POSITION_SETTING)
+            setting = self._setting(Control.POSITION)
             return self._zero + motor.sign * self._way(
                 wrapped(setting - motor.position_offset, 32)
             )
@@ -263,11 +306,15 @@ class Epos2Node:
     @property
     def _current(self) -> float:
         """Current of the motor [A], up to the limit, which one that is held up soon has."""
-        limit = 1e-3 * self._slave.get(objects.OUTPUT_CURRENT_LIMIT)
+        maker, is_torque = self._maker, self._maker.rated_current is not None
+        raw = self._slave.get(maker.current_limit)
+        limit = 1e-3 * self._milliamperes(raw, maker.is_relative)
         if self._held_up > _WINDING_UP:
             return self._motor.sign * math.copysign(limit, self._demand)
-        setting = 1e-3 * self._motor.sign * self._slave.get(objects.CURRENT_SETTING)
-        current = setting if self._runs(objects.CURRENT_MODE) else self.measured.current
+        current = self.measured.current
+        if self._runs(Control.FORCE):
+            setting = self._milliamperes(self._setting(Control.FORCE), is_torque)
+            current = 1e-3 * self._motor.sign * setting
         return float(clamp(current, -limit, limit))
 
     def _ramped(self, elapsed: float) -> float:
@@ -275,17 +322,20 @@ class Epos2Node:
         if self._is_led:
             return self._rpm  # with which a stop begins
         if self.state is DriveState.OPERATION_ENABLED:
-            if not self._runs(objects.PROFILE_VELOCITY):
+            if not self._runs(Control.VELOCITY):
                 return 0.0
-            limit = self._slave.get(objects.MAX_VELOCITY)
-            target = clamp(float(self._slave.get(objects.TARGET_VELOCITY)), -limit, limit)
+            limit = min(self._slave.get(entry) for entry in self._speed_limits) / self._per_rpm
+            goal = self._slave.get(objects.TARGET_VELOCITY) / self._per_rpm
+            target = float(clamp(goal, -limit, limit))
+            if self._slave.get(objects.MODE) == objects.CYCLIC_VELOCITY.number:
+                return target
             faster = abs(target) > abs(self._demand)
             rate = self._slave.get(objects.ACCELERATION if faster else objects.DECELERATION)
         elif is_energised(self.state) or self.state is DriveState.FAULT_REACTION_ACTIVE:
             target, rate = 0.0, self._slave.get(objects.QUICK_STOP_DECELERATION)
         else:
             return 0.0
-        step = rate * elapsed
+        step = rate / self._per_rpm * elapsed
         return float(clamp(target, self._demand - step, self._demand + step))
 
     def _miss_heartbeat(self) -> None:
@@ -296,7 +346,8 @@ class Epos2Node:
         if index == objects.ERROR_COUNT.index:
             errors = [len(self._history), *self._history]
             return errors[subindex] if subindex < len(errors) else 0
-        if (index, subindex) == (objects.INPUT_STATE.index, objects.INPUT_STATE.subindex):
+        inputs, current = self._maker.inputs.state, self._maker.current
+        if (index, subindex) == (inputs.index, inputs.subindex):
             return self._functions
         if index == objects.STATUSWORD.index:
             powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
@@ -306,9 +357,10 @@ class Epos2Node:
             counts = round(motor.sign * 4 * motor.pulses * turns) + motor.position_offset
             return wrapped(counts, 32)
         if index == objects.VELOCITY.index:
-            return wrapped(round(self._rpm), 32)
-        if index == objects.CURRENT.index:
-            return wrapped(round(1e3 * motor.sign * self._current), 16)
+            return wrapped(round(self._rpm * self._per_rpm), 32)
+        if (index, subindex) == (current.index, current.subindex):
+            unit = 1e3 / RATED if self._maker.is_relative else 1.0
+            return wrapped(round(1e3 * motor.sign * self._current * unit), 8 * current.size)
         return None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
@@ -328,41 +380,56 @@ class Epos2Node:
 
 def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
     """The object dictionary as the maker delivers it."""
+    maker = motor.maker
+    resolution, factor = maker.resolution
+    modes = [mode for modes in maker.modes.values() for mode in modes]
+    pins = [
+        entry
+        for each in (maker.inputs, maker.outputs)
+        for entry in (each.state, *each.function, *each.ones, *each.zeros)
+    ]
+    vendor = maker.vendor if motor.vendor is None else motor.vendor
+    hardware = next(iter(maker.models), 0) if motor.hardware is None else motor.hardware
+    limits = {entry: 25000 for each in maker.speed_limits.values() for entry in each}
+    none = dict.fromkeys(
+        (
+            objects.ERROR_COUNT,
+            *objects.ERROR_HISTORY,
+            HEARTBEAT_CONSUMED,
+            HEARTBEAT_PRODUCED,
+            maker.current,
+            objects.CONTROLWORD,
+            objects.STATUSWORD,
+            objects.POSITION,
+            objects.VELOCITY,
+            objects.PROFILE_TYPE,
+            objects.HOMING_METHOD,
+            *objects.HOMING_SPEEDS,
+            objects.HOMING_ACCELERATION,
+            objects.TARGET_VELOCITY,
+            *pins,
+            *(entry for mode in modes for entry in mode.target.entries),
+            *(entry for entry, _ in maker.fixed),
+        ),
+        0,
+    )
+    delivered = {entry: value for entry, value in _DELIVERED.items() if entry in pins}
     return {
-        objects.ERROR_COUNT: 0,
-        **dict.fromkeys(objects.ERROR_HISTORY, 0),
-        **dict(zip(objects.INPUT_FUNCTION, _INPUT_FUNCTIONS, strict=True)),
-        objects.INPUT_STATE: 0,
-        objects.INPUT_MASK: _INPUT_MASK,
-        objects.INPUT_POLARITY: 0,
-        objects.INPUT_EXECUTION: 0,
-        **dict(zip(objects.OUTPUT_FUNCTION, _OUTPUT_FUNCTIONS, strict=True)),
-        objects.OUTPUT_STATE: 0,
-        objects.OUTPUT_MASK: 0,
-        objects.OUTPUT_POLARITY: 0,
-        objects.POSITION_SETTING: 0,
-        objects.CURRENT_SETTING: 0,
+        **none,
+        **limits,
+        **delivered,
+        **({} if maker.rated_current is None else {maker.rated_current: RATED}),
+        objects.DEVICE_TYPE: 0x0002_0000 | motor.profile,
+        objects.VENDOR: vendor,
+        objects.PRODUCT: hardware << 16,
         objects.MAX_FOLLOWING_ERROR: 2000,
-        HEARTBEAT_CONSUMED: 0,
-        HEARTBEAT_PRODUCED: 0,
-        objects.VENDOR: motor.vendor,
-        objects.PRODUCT: motor.hardware << 16,
-        objects.CURRENT: 0,
-        objects.ENCODER_PULSES: motor.pulses,
+        resolution: 4 * motor.pulses // factor,
         objects.ABORT_CONNECTION: objects.ABORT_BY_QUICK_STOP,
-        objects.CONTROLWORD: 0,
-        objects.STATUSWORD: 0,
         objects.MODE: 1,
-        objects.POSITION: 0,
-        objects.VELOCITY: 0,
-        objects.MAX_VELOCITY: 25000,
         objects.ACCELERATION: 10000,
         objects.DECELERATION: 10000,
         objects.QUICK_STOP_DECELERATION: 10000,
-        objects.PROFILE_TYPE: 0,
-        objects.OUTPUT_CURRENT_LIMIT: 10_000,
-        objects.MAX_MOTOR_VELOCITY: 25000,
-        objects.TARGET_VELOCITY: 0,
+        maker.current_limit: 10_000,
         **process_data_defaults(node_id),
     }
 
@@ -393,19 +460,19 @@ def _moves_nothing(message: Any) -> bool:
     return data[0] == _UPLOAD or data[1] | data[2] << 8 in _COMMUNICATION_OBJECTS
 
 
-class Epos2Nodes:
-    """EPOS2 controllers between a bus and the wires of one part of a simulated machine.
+class Cia402Nodes:
+    """Drives between a bus and the wires of one part of a simulated machine.
 
     | wire | size | unit | meaning |
     |---|---|---|---|
     | to the machine `<part>.velocity_command` | n | rad/s or m/s | 0 for an axis without power |
-    | to the machine `<part>.position_command` | n | rad or m | in its place: see `Epos2Node` |
+    | to the machine `<part>.position_command` | n | rad or m | in its place: see `Cia402Node` |
     | to the machine `<part>.force_command`, `<part>.torque_command` | n | N or N m | ditto |
     | to the machine `<part>.brake` | 1 | - | 1 unless an axis is enabled; if the machine has it |
     | to the machine `<locks>.command` | k | - | of each group of switches; 0: its output is on |
     | from the machine `<part>.position` | n | rad or m | |
     | from the machine `<part>.velocity` | n | rad/s or m/s | |
-    | from the machine `<part>.current` | n | A | if the machine has it; not in current mode |
+    | from the machine `<part>.current` | n | A | if the machine has it; not of commanded forces |
     | from the machine `<part>.emergency_stop` | 1 | 0/1 | 1: pressed; if the machine has it |
     | from the machine `<locks>.closed` | k | 0/1 | of each group of switches; 1: voltage |
     | from the machine `supply` | 1 | 0/1 | 0: the motors have none; if the machine has it |
@@ -432,7 +499,7 @@ class Epos2Nodes:
         self,
         harness: Harness,
         node_ids: Sequence[int] = (1, 2, 3, 4),
-        channel: str = "epos2",
+        channel: str = "cia402",
         link: Path | str | None = None,
         misbehaviour: Misbehaviour | None = None,
         motor: EmulatedMotor = EmulatedMotor(),
@@ -473,7 +540,7 @@ class Epos2Nodes:
         self._motors = [motor._replace(sign=s) for s in signs or (motor.sign,) * len(self._ids)]
         self._part, self._measures_current = part, measures_current
         self.adapter = None if link is None else SlcanPty(channel, link, self._misbehaviour)
-        self.nodes: list[Epos2Node] = []
+        self.nodes: list[Cia402Node] = []
         self._lines: list[SlaveLine] = []
         self._lock = threading.Lock()
         self._stopping = threading.Event()
@@ -488,12 +555,12 @@ class Epos2Nodes:
             stack.callback(bus.shutdown)
             self._lines = [SlaveLine(bus, self._misbehaviour, self._clock) for _ in self._ids]
             rows = zip(self._ids, self._lines, self._motors, self._get("position"), strict=True)
-            self.nodes = [Epos2Node(*parts) for parts in rows]
+            self.nodes = [Cia402Node(*parts) for parts in rows]
             self._press(self._clock())
             self._touch()
             self._publish()
             thread = threading.Thread(
-                target=self._run, args=(bus,), name="EPOS2 nodes", daemon=True
+                target=self._run, args=(bus,), name="CiA 402 nodes", daemon=True
             )
             thread.start()
             stack.callback(thread.join)
@@ -580,7 +647,7 @@ class Epos2Nodes:
             is_closed = not (is_pressed or self.is_stop_wire_broken)
             self._node(node_id).connect(number, is_closed)
 
-    def _node(self, node_id: int) -> Epos2Node:
+    def _node(self, node_id: int) -> Cia402Node:
         return self.nodes[self._ids.index(node_id)]
 
     def _touch(self) -> None:

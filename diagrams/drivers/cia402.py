@@ -1,4 +1,4 @@
-"""Drivers of axes on EPOS2 controllers: axes that turn behind gears, screws and slides that push.
+"""Drivers of axes on CiA 402 drives: axes that turn behind gears, screws and slides that push.
 
 A machine derives its own from them, with its own defaults.
 """
@@ -10,28 +10,26 @@ from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
 from parapod.systems.hardware.addresses import resolved
-from parapod.systems.hardware.epos2.settings import (
+from parapod.systems.hardware.cia402.settings import (
+    AxesSettings,
     Control,
-    Epos2Settings,
-    ForceSettings,
     ForceSlideSettings,
     GearSettings,
     PositionScrewSettings,
     PositionTurnSettings,
     ScrewSettings,
-    StrokeSettings,
     TorqueSettings,
 )
 
 if TYPE_CHECKING:
+    from parapod.systems.hardware.cia402.device import Cia402Device
     from parapod.systems.hardware.device import Device
     from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
-    from parapod.systems.hardware.epos2.device import Epos2Device
 
 
 @dataclass
-class _Epos2(Epos2Settings, Driver):
-    """Axes on EPOS2 24/5 controllers: see `Epos2Device`."""
+class _Axes(AxesSettings, Driver):
+    """Axes on CiA 402 drives: see `Cia402Device`."""
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
@@ -41,27 +39,35 @@ class _Epos2(Epos2Settings, Driver):
                 raise ValueError(f"with stop_node there must be a port {self.part}.emergency_stop")
             return device
 
-    def _device(self) -> "Epos2Device":
+    def _device(self) -> "Cia402Device":
         """The device of what is commanded."""
-        from parapod.systems.hardware.epos2.drives import Epos2
-        from parapod.systems.hardware.epos2.forces import Epos2Forces
-        from parapod.systems.hardware.epos2.positions import Epos2Positions
+        from parapod.systems.hardware.cia402.forces import Cia402Forces
+        from parapod.systems.hardware.cia402.positions import Cia402Positions
+        from parapod.systems.hardware.cia402.velocities import Cia402Velocities
 
-        if isinstance(self, ForceSettings):
-            return Epos2Forces(self)
-        return Epos2Positions(self) if self.control is Control.POSITION else Epos2(self)
+        match self.control:
+            case Control.VELOCITY:
+                return Cia402Velocities(self)
+            case Control.POSITION:
+                return Cia402Positions(self)
+            case Control.FORCE:
+                return Cia402Forces(self)
 
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: an SLCAN adapter with all the controllers behind it."""
-        from parapod.systems.hardware.epos2.emulator import EmulatedMotor, Epos2Nodes
+        from parapod.systems.hardware.cia402.emulator import Cia402Nodes, EmulatedMotor
+        from parapod.systems.hardware.cia402.makers import MAKERS
 
         link = emulated(self.channel, f"!{type(self).__name__}.channel")
-        motor = EmulatedMotor(gear=self.motor_per_unit, pulses=self.counts_per_turn // 4)
-        if isinstance(self, ForceSettings):
-            motor = motor._replace(force_per_current=self.force_per_current)
-        return Epos2Nodes(
+        motor = EmulatedMotor(
+            gear=self.motor_per_unit,
+            pulses=self.counts_per_turn // 4,
+            maker=MAKERS[self.drive],
+            force_per_current=self.force_per_current,
+        )
+        return Cia402Nodes(
             harness,
             self.node_ids,
             channel=link,  # drivers in one process have buses of their own, too
@@ -77,25 +83,25 @@ class _Epos2(Epos2Settings, Driver):
 
 
 @dataclass
-class Epos2Axes(GearSettings, _Epos2):
-    """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Epos2`."""
+class Epos2Axes(GearSettings, _Axes):
+    """Axes that turn behind gears, on EPOS2 24/5 controllers: see `Cia402Velocities`."""
 
 
 @dataclass
-class Epos2PositionAxes(PositionTurnSettings, _Epos2):
-    """Axes that turn behind gears and whose positions are commanded: see `Epos2Positions`."""
+class Epos2PositionAxes(PositionTurnSettings, _Axes):
+    """Axes that turn behind gears and whose positions are commanded: see `Cia402Positions`."""
 
 
 @dataclass
-class Epos2TorqueAxes(TorqueSettings, _Epos2):
+class Epos2TorqueAxes(TorqueSettings, _Axes):
     """Axes that turn behind gears and whose torques are commanded, by the motors' currents.
 
-    See `Epos2Forces`: without a command, and after any stop, nothing holds them.
+    See `Cia402Forces`: without a command, and after any stop, nothing holds them.
     """
 
 
 @dataclass
-class _Epos2Screws(StrokeSettings, _Epos2):
+class _Screws(_Axes):
     """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand."""
 
     def make(self, ports: PartPorts) -> "Device":
@@ -120,24 +126,24 @@ class _Epos2Screws(StrokeSettings, _Epos2):
 
 
 @dataclass
-class Epos2Screws(ScrewSettings, _Epos2Screws):
+class Epos2Screws(ScrewSettings, _Screws):
     """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand.
 
-    See `Epos2`, `PositionMemory` and `SoftLimits`.
+    See `Cia402Velocities`, `PositionMemory` and `SoftLimits`.
     """
 
 
 @dataclass
-class Epos2PositionScrews(PositionScrewSettings, _Epos2Screws):
+class Epos2PositionScrews(PositionScrewSettings, _Screws):
     """Screws whose positions are commanded, and locks and clamps at the same controllers.
 
-    See `Epos2Positions` and `PositionMemory`; for a machine of limbs `switches_of_limbs`.
+    See `Cia402Positions` and `PositionMemory`; for a machine of limbs `switches_of_limbs`.
     """
 
 
 @dataclass
-class Epos2ForceSlides(ForceSlideSettings, _Epos2Screws):
+class Epos2ForceSlides(ForceSlideSettings, _Screws):
     """Slides whose forces are commanded, by the motors' currents, on EPOS2 24/5 controllers.
 
-    See `Epos2Forces`: without a command, and after any stop, nothing holds them.
+    See `Cia402Forces`: without a command, and after any stop, nothing holds them.
     """

@@ -9,8 +9,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from parapod.diagrams.devices import make_parts
+from parapod.diagrams.drivers.cia402 import Epos2PositionScrews, Epos2Screws
 from parapod.diagrams.drivers.driver import Driver, PartPorts
-from parapod.diagrams.drivers.epos2 import Epos2PositionScrews, Epos2Screws
 from parapod.diagrams.hardware_scenario import HardwareScenario
 from parapod.diagrams.levelling_platform.drivers import Epos2Wheels
 from parapod.diagrams.machine import Machine, MachineScenario
@@ -21,10 +21,10 @@ from parapod.diagrams.walking_chair.machine import CHAIR
 from parapod.diagrams.walking_chair.scenario import ChairScenario
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.core.scenario_file import dump_scenario, load_scenario
+from parapod.systems.hardware.cia402.settings import ScrewSettings
+from parapod.systems.hardware.cia402.switches import switches_of_limbs
 from parapod.systems.hardware.device import Device
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
-from parapod.systems.hardware.epos2.settings import ScrewSettings
-from parapod.systems.hardware.epos2.switches import switches_of_limbs
 from parapod.systems.walking_chair.geometry import LEG_COUNT, ChairGeometry
 
 CHAIR_GEOMETRY = ChairGeometry()

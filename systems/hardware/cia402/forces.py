@@ -1,15 +1,15 @@
-"""Axes whose forces or torques are commanded: Maxon motors on EPOS2 24/5 controllers."""
+"""Axes whose forces or torques are commanded, by the currents of their motors."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from parapod.systems.core.elementwise import clamp
+from parapod.systems.hardware.cia402.controller import STANDSTILL, Timing
+from parapod.systems.hardware.cia402.settings import AxesSettings, Strokes
+from parapod.systems.hardware.cia402.velocities import Steered
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError
-from parapod.systems.hardware.epos2.controller import STANDSTILL, Sample, Timing
-from parapod.systems.hardware.epos2.settings import ForceSettings
-from parapod.systems.hardware.epos2.steered import Epos2Steered
 
 # A measurement that is older tells nothing about where an axis is and how fast [s]: five periods
 # at 100 Hz.
@@ -62,15 +62,17 @@ class ForceLimits:
         return limited * float(clamp(share, 0.0, 1.0))
 
 
-class Epos2Forces(Epos2Steered):
-    """Axes whose forces, or torques, are commanded, in current mode; see also `Epos2Device`.
+class Cia402Forces(Steered):
+    """Axes whose forces, or torques, are commanded; see also `Cia402Device`.
 
     | signal | size | unit | meaning |
     |---|---|---|---|
     | command `force_command` or `torque_command` | n | N or N m | of the axes |
 
     The name of the command is that of the settings: `force_command` of slides, `torque_command`
-    of axes that turn. The set value (0x2030) is a current; the settings say what force it makes.
+    of axes that turn. The set value is a current in an EPOS2's current mode (-3), and in cyclic
+    synchronous torque mode (10) of others thousandths of the rated torque, which are those of the
+    rated current here; the settings say what force a current makes.
     That is the motor's: friction, and the weight of what it moves, are not taken off. A command
     that is not finite is zero, one beyond the largest force is that. A controlword that stops a
     drive comes with a set value of zero.
@@ -90,7 +92,7 @@ class Epos2Forces(Epos2Steered):
     **Largest velocity.** The force in the direction in which an axis moves falls linearly from
     nine tenths of `max_velocity_rpm` on, and is zero at it and beyond; forces against the motion
     stay. So an axis that has lost its load does not run away. The drives have the same
-    velocity (0x6410:04).
+    velocity, where they know one.
 
     Ends and largest velocity are kept at every command and at every reading, so also between two
     commands of a controller that hangs.
@@ -107,12 +109,12 @@ class Epos2Forces(Epos2Steered):
 
     def __init__(
         self,
-        settings: ForceSettings,
+        settings: AxesSettings,
         timing: Timing = Timing(),
         is_synchronous: bool = True,
         clock: Callable[[], float] = monotonic,
     ):
-        """See `Epos2Device`."""
+        """See `Cia402Device`."""
         super().__init__(settings, timing, is_synchronous, clock)
         possible = _possible(settings)
         if settings.max_force > possible * (1.0 + 1e-9):
@@ -121,7 +123,6 @@ class Epos2Forces(Epos2Steered):
                 f"{settings.current_limit_a:g} allows {possible:g}"
             )
         self._forces, self._limits = settings, _limits(settings, settings.strokes)
-        self._velocity: Sequence[float] = (0.0,) * len(settings.node_ids)
         within = f"{settings.heartbeat_timeout + timing.timeout:.2g} s"
         self.watchdog = (
             "without this computer's heartbeats the drives take their currents away within "
@@ -129,7 +130,7 @@ class Epos2Forces(Epos2Steered):
         )
 
     def seek_reference(self) -> None:
-        """See `Epos2Device`."""
+        """See `Cia402Device`."""
         super().seek_reference()
         self._forces = self._forces.seeking
         self._limits = _limits(self._forces, None)
@@ -137,11 +138,6 @@ class Epos2Forces(Epos2Steered):
     @property
     def _has_limits(self) -> bool:
         return self._forces.strokes is not None and not self._is_homing
-
-    def _counted(self, samples: Sequence[Sample]) -> list[float]:
-        pairs = zip(samples, self._directions, strict=True)
-        self._velocity = [sign * self._forces.velocity(sample.rpm) for sample, sign in pairs]
-        return super()._counted(samples)
 
     def _come_to_rest(self) -> None:
         """Nothing would slow the axes, and a brake closes only when the power is gone."""
@@ -155,24 +151,21 @@ class Epos2Forces(Epos2Steered):
         return positions
 
     def _targets(self) -> list[int]:
-        """Currents of the motors [mA] for the forces that are wanted of the axes."""
+        """Currents of the motors for the forces that are wanted of the axes, in their unit."""
         is_known = self._clock() - self._measured <= _FRESH
         allowed = self._limits.allowed(self._wanted, self._position, self._velocity)
         forces = allowed if is_known else [0.0] * len(allowed)
-        pairs = zip(forces, self._directions, strict=True)
-        return [
-            round(1e3 * sign * force / self._forces.force_per_current) for force, sign in pairs
-        ]
+        unit = 1e3 / self._forces.force_per_current
+        axes = zip(self._controllers, forces, self._directions, strict=True)
+        return [drive.current(sign * force * unit) for drive, force, sign in axes]
 
 
-def _possible(settings: ForceSettings) -> float:
+def _possible(settings: AxesSettings) -> float:
     """Largest force or torque that the largest current makes [N or N m]."""
-    return settings.current_limit * settings.force_per_current
+    return (settings.current_limit or math.inf) * settings.force_per_current
 
 
-def _limits(
-    settings: ForceSettings, strokes: tuple[tuple[float, ...], tuple[float, ...]] | None
-) -> ForceLimits:
+def _limits(settings: AxesSettings, strokes: Strokes | None) -> ForceLimits:
     """Limits of axes with these ends; None: with none."""
     anywhere = (math.inf,) * len(settings.node_ids)
     lower, upper = strokes or (tuple(-end for end in anywhere), anywhere)

@@ -7,14 +7,15 @@ import time
 
 import pytest
 
-from parapod.systems.hardware.canopen import Entry
+from parapod.systems.hardware.canopen import Entry, mapping_of
+from parapod.systems.hardware.cia402 import emulator, objects
+from parapod.systems.hardware.cia402.controller import process_data, set_up_of
+from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.forces import ForceLimits
+from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.settings import Control, ForceSlideSettings, TorqueSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
-from parapod.systems.hardware.epos2 import emulator, objects
-from parapod.systems.hardware.epos2.controller import set_up_of
-from parapod.systems.hardware.epos2.emulator import EmulatedMotor
-from parapod.systems.hardware.epos2.forces import ForceLimits
-from parapod.systems.hardware.epos2.settings import ForceSlideSettings, TorqueSettings
 
 SIGNS = (1, -1)
 PER_CURRENT, LARGEST = 100.0, 400.0  # [N/A], [N]
@@ -73,7 +74,9 @@ class Axes:
     @property
     def settings(self):
         """Set values in the nodes [mA]."""
-        return [node._slave.get(objects.CURRENT_SETTING) for node in self.rig.nodes.nodes]
+        return [
+            node._slave.get(EPOS2.modes[Control.FORCE][0].setting) for node in self.rig.nodes.nodes
+        ]
 
 
 @pytest.fixture
@@ -172,11 +175,18 @@ def test_force_that_is_allowed(force, position, velocity, allowed):
 
 
 def test_the_mode_its_set_value_and_the_largest_velocity_are_set_up():
-    values = dict(set_up_of(ForceSlideSettings(max_velocity_rpm=4000, current_limit_a=4.5), 3))
+    values = dict(
+        [
+            *set_up_of(ForceSlideSettings(max_velocity_rpm=4000, current_limit_a=4.5)),
+            *mapping_of(
+                process_data(ForceSlideSettings(max_velocity_rpm=4000, current_limit_a=4.5), 3), 3
+            ),
+        ]
+    )
     assert values[objects.MODE] == -3
     assert values[Entry(0x2030, 0, "<h")] == 0
     assert values[Entry(0x6410, 4, "<I")] == 4000
-    assert values[objects.OUTPUT_CURRENT_LIMIT] == 4500
+    assert values[EPOS2.current_limit] == 4500
     assert values[Entry(0x1600, 0, "<B")] == 2
     assert values[Entry(0x1600, 1, "<I")] == 0x60400010
     assert values[Entry(0x1600, 2, "<I")] == 0x20300010
@@ -185,7 +195,7 @@ def test_the_mode_its_set_value_and_the_largest_velocity_are_set_up():
 
 
 def test_command_frame_is_controlword_and_milliamperes():
-    assert objects.CURRENT_MODE.command.pack(0x0F, -1500) == bytes.fromhex("0F0024FA")
+    assert EPOS2.modes[Control.FORCE][0].command.pack(0x0F, -1500) == bytes.fromhex("0F0024FA")
 
 
 def test_force_that_the_current_does_not_make_is_refused(make):

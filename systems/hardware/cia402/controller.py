@@ -1,4 +1,4 @@
-"""One EPOS2 controller on its bus: identity, set-up, enabling, commands and samples."""
+"""One drive on its bus: identity, set-up, enabling, commands and samples."""
 
 import math
 import struct
@@ -7,15 +7,17 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from parapod.systems.hardware.canopen import (
-    HEARTBEAT_CONSUMED,
     HEARTBEAT_PRODUCED,
     NMT_PRE_OPERATIONAL,
     NMT_START,
-    NOT_VALID,
     CanopenBus,
     Entry,
     Pdo,
 )
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.makers import MAKERS, Pins, maker_of
+from parapod.systems.hardware.cia402.objects import Mode
+from parapod.systems.hardware.cia402.settings import AxesSettings, Control
 from parapod.systems.hardware.clock import sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import (
@@ -26,14 +28,8 @@ from parapod.systems.hardware.ds402 import (
     state_of,
     steps_to_operation,
 )
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.settings import Control, Epos2Settings
 
 _FAULTS = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
-_NO_SUPPLY = (
-    f"has no supply for its motor, {objects.described(objects.UNDERVOLTAGE)}: "
-    "is the emergency stop pressed?"
-)
 
 # Polling period while waiting for a state or a standstill [s].
 POLL = 0.002
@@ -41,10 +37,6 @@ POLL = 0.002
 STANDSTILL = 60
 # A tuned velocity loop lags no more behind its ramp [s]: 40 ms is what controllers reckon with.
 _LAG = 0.05
-
-
-# Node id under which this computer sends its heartbeat.
-MASTER_ID = 127
 
 
 class Timing(NamedTuple):
@@ -72,13 +64,13 @@ class Sample(NamedTuple):
         counts: position of the motor.
         rpm: velocity of the motor.
         milliamperes: current of the motor; 0 if it is not measured.
-        inputs: functionalities of digital inputs that are active, a bit each; None: not measured.
+        inputs: state of the digital inputs, a bit each; None: not measured.
     """
 
     state: DriveState | None
     counts: int
-    rpm: int
-    milliamperes: int = 0
+    rpm: float
+    milliamperes: float = 0.0
     inputs: int | None = None
 
 
@@ -98,14 +90,14 @@ class Condition(NamedTuple):
     has_power: bool
 
 
-class Epos2Controller:
-    """A node, as `Epos2Device` uses it; all methods raise DeviceError and name the node."""
+class Cia402Controller:
+    """A node, as `Cia402Device` uses it; all methods raise DeviceError and name the node."""
 
     def __init__(
         self,
         bus: CanopenBus,
         node_id: int,
-        settings: Epos2Settings,
+        settings: AxesSettings,
         timing: Timing,
         beat: Callable[[], None],
         clock: Callable[[], float],
@@ -123,8 +115,19 @@ class Epos2Controller:
             axis: name of its axis in errors.
         """
         self._bus, self._id, self._settings, self._timing = bus, node_id, settings, timing
-        self._beat, self._clock, self._reports = beat, clock, reports(settings, node_id)
-        self._mode = mode_of(settings)
+        self._beat, self._clock = beat, clock
+        self._maker = maker = MAKERS[settings.drive]
+        self._mode, self._reports = mode_of(settings), reports(settings, node_id)
+        # Entries of all reports, in their order, and where the optional ones among them are.
+        entries = [entry for pdo in self._reports for entry in pdo.entries]
+        self._report_entries, self.report_ids = entries, [p.base + node_id for p in self._reports]
+        self._places = [
+            entries.index(entry) if entry in entries else -1
+            for entry in (objects.VELOCITY, maker.current, maker.inputs.state)
+        ]
+        # Units of the drive for one rpm, and for one of what is commanded: rpm, count or mA.
+        self._per_rpm = maker.per_rpm(settings.counts_per_turn)
+        self._per_mA, self._rated = 1.0, 1000.0
         self._outputs = settings.outputs_of(node_id)
         # Bits of its digital outputs that are not ours to switch; None: nothing is known of them.
         self._other_outputs: int | None = None
@@ -133,27 +136,33 @@ class Epos2Controller:
         self._was_stopped = False
         # What its newest fault is; None while it has none, or nothing is known about it.
         self._code: int | None = None
-
-    @property
-    def report_ids(self) -> list[int]:
-        """Identifiers of the frames that answer SYNC."""
-        return [pdo.base + self._id for pdo in self._reports]
+        self._no_supply = (
+            f"has no supply for its motor, {maker.described(min(maker.undervoltage))}: "
+            "is the emergency stop pressed?"
+        )
 
     def identify(self) -> None:
-        """Makes sure that the node is the expected controller."""
+        """Makes sure that the node is a drive of the settings' maker."""
         try:
-            vendor = self._get(objects.VENDOR)
+            profile = self._get(objects.DEVICE_TYPE)
         except DeviceError as error:
             if error.fault is not DeviceFault.SILENT:
                 raise
             others = ", ".join(map(str, self._bus.answering())) or "none"
             words = f"does not answer; nodes that do: {others}"
             raise self._error(words, DeviceFault.SILENT) from error
-        hardware = self._get(objects.PRODUCT) >> 16
-        if (vendor, hardware) != (objects.MAXON, objects.EPOS2_24_5):
+        if profile & 0xFFFF != objects.DRIVE_PROFILE:
+            words = f"is not a CiA 402 drive: its device type (0x1000) is 0x{profile:08X}"
+            raise self._error(words, DeviceFault.CORRUPT)
+        vendor, product = self._get(objects.VENDOR), self._get(objects.PRODUCT)
+        other, maker = maker_of(vendor, product), self._maker
+        if other is not maker:
+            of_other = f"{other.name}, " if other else ""
+            models = ", ".join(f"{name}: 0x{code:04X}" for code, name in maker.models.items())
             raise self._error(
-                f"is vendor 0x{vendor:X}, hardware 0x{hardware:04X}, and not an EPOS2 24/5 "
-                f"(0x{objects.MAXON:X}, 0x{objects.EPOS2_24_5:04X})",
+                f"is {of_other}vendor 0x{vendor:X}, hardware 0x{product >> 16:04X}, and not an "
+                f"{maker.name} (0x{maker.vendor:X}{models and '; ' + models}), as `drive: "
+                f"{self._settings.drive}` says: units of another maker",
                 DeviceFault.CORRUPT,
             )
 
@@ -165,10 +174,16 @@ class Epos2Controller:
         """
         self._set(objects.CONTROLWORD, Controlword.DISABLE_VOLTAGE)
         self.guard(False)
-        counts = 4 * self._get(objects.ENCODER_PULSES)
+        resolution, factor = self._maker.resolution
+        counts = factor * self._get(resolution)
         if counts != self._settings.counts_per_turn:
             words = f"is set up for {counts} counts per turn, not {self._settings.counts_per_turn}"
             raise self._error(words)
+        if (rated := self._maker.rated_current) is not None:
+            self._rated = float(self._get(rated))
+            if self._rated == 0.0:
+                raise self._error(f"knows no rated current of its motor ({rated} is 0)")
+            self._per_mA = 1000.0 / self._rated
         state = self._state()
         remarks = self._past(state)
         if state is not DriveState.SWITCH_ON_DISABLED:
@@ -176,56 +191,46 @@ class Epos2Controller:
                 self._reset()
             except DeviceError:
                 # Without its motor's supply it can be set up, and read, but not enabled.
-                if self._fault_code() != objects.UNDERVOLTAGE:
+                if self._fault_code() not in self._maker.undervoltage:
                     raise
-                remarks = [_NO_SUPPLY]
-        if remarks and remarks != [_NO_SUPPLY]:
+                remarks = [self._no_supply]
+        if remarks and remarks != [self._no_supply]:
             self._set(objects.ERROR_COUNT, 0)  # each is reported once
         self._bus.manage(self._id, NMT_PRE_OPERATIONAL)
-        for entry, value in set_up_of(self._settings, self._id):
+        for entry, value in set_up_of(self._settings, self._rated):
             self._set(entry, value)
-        self._show_inputs()
+        self._bus.carry(self._id, process_data(self._settings, self._id))
+        for number, key in self._settings.inputs_of(self._id).items():
+            self._claim(self._maker.inputs, number, key)
         self._bus.manage(self._id, NMT_START)
         return remarks
 
-    def _show_inputs(self) -> None:
-        """Has the digital inputs that are measured show whether there is voltage on them.
+    def _claim(self, pins: Pins, number: int, key: str = "") -> None:
+        """Makes a digital input show whether there is voltage on it, or an output obey.
 
-        What the node does with its other inputs stays as it is.
+        What the node does with its others stays as it is.
         """
-        for number, key in self._settings.inputs_of(self._id).items():
-            function, object_wanted = (
-                objects.INPUT_FUNCTION[number - 1],
-                objects.general_purpose(number),
-            )
-            if self._get(function) == objects.QUICK_STOP_FUNCTION:
-                raise self._error(
-                    f"has its quick stop at digital input {number}; give another {key}"
-                )
-            self._set(function, object_wanted)
-            bit = 1 << object_wanted
-            self._set(objects.INPUT_MASK, self._get(objects.INPUT_MASK) | bit)
-            for entry in (objects.INPUT_POLARITY, objects.INPUT_EXECUTION):
-                self._set(entry, self._get(entry) & ~bit)
+        function = pins.function[number - 1] if pins.function else None
+        if function and key and self._get(function) == pins.quick_stop:
+            raise self._error(f"has its quick stop at digital input {number}; give another {key}")
+        for entry in pins.zeros:
+            self._set(entry, self._get(entry) & ~pins.word_bit(number))
+        for entry in pins.ones:
+            self._set(entry, self._get(entry) | pins.word_bit(number))
+        if not key:
+            self._other_outputs = self._get(pins.state) & ~self._bits(self._outputs)
+            self._set(pins.state, self._other_outputs)
+        if function:  # only now: it shows nothing but the state from the beginning
+            self._set(function, pins.bits[number - 1])
 
     def set_up_outputs(self) -> None:
-        """Switches its digital outputs off that are ours, and makes them obey.
-
-        What the node does with its other outputs stays as it is.
-        """
+        """Switches its digital outputs off that are ours, and makes them obey."""
         for number in self._outputs:
-            function, object_wanted = (
-                objects.OUTPUT_FUNCTION[number - 1],
-                objects.general_purpose(number),
-            )
-            bit = 1 << object_wanted
-            self._set(objects.OUTPUT_POLARITY, self._get(objects.OUTPUT_POLARITY) & ~bit)
-            self._set(objects.OUTPUT_MASK, self._get(objects.OUTPUT_MASK) | bit)
-            others = self._get(objects.OUTPUT_STATE) & ~_bits(self._outputs)
-            self._other_outputs = others
-            self._set(objects.OUTPUT_STATE, others)
-            # Only now: it shows nothing but the state from the beginning.
-            self._set(function, object_wanted)
+            self._claim(self._maker.outputs, number)
+
+    def _bits(self, numbers: Collection[int]) -> int:
+        """Bits of digital outputs in the entry that switches them."""
+        return sum(self._maker.outputs.mask(number) for number in numbers)
 
     def switch(self, on: Collection[int]) -> None:
         """Switches its digital outputs on, and all others of ours off; nothing confirms it.
@@ -234,19 +239,19 @@ class Epos2Controller:
             on: numbers of the outputs.
         """
         if self._outputs and self._other_outputs is not None:
-            pdo, state = objects.OUTPUTS, self._other_outputs | _bits(on)
-            self._bus.send(pdo.base + self._id, pdo.pack(state))
+            state = self._other_outputs | self._bits(on)
+            self._bus.command(self._id, outputs_pdo(self._settings), state)
 
     def switch_off(self) -> None:
         """Switches all of its digital outputs off that are ours, and makes sure of it."""
         if self._outputs and self._other_outputs is not None:
-            self._set(objects.OUTPUT_STATE, self._other_outputs)
+            self._set(self._maker.outputs.state, self._other_outputs)
 
     def _past(self, state: DriveState | None) -> list[str]:
         """Remarks about the errors in the node's history, those since it was switched on."""
         count = min(self._get(objects.ERROR_COUNT), objects.HISTORY_SIZE)
         codes = [self._get(entry) & 0xFFFF for entry in objects.ERROR_HISTORY[:count]]
-        descriptions = [objects.described(code) for code in codes]
+        descriptions = [self._maker.described(code) for code in codes]
         if state not in _FAULTS:
             return (
                 [f"remembers errors from before: {', '.join(descriptions)}"]
@@ -259,21 +264,20 @@ class Epos2Controller:
 
     def guard(self, is_guarded: bool) -> None:
         """Has the node stop its motor when this computer falls silent, or not."""
-        # Whose heartbeat, and how long without it [ms].
-        guard = MASTER_ID << 16 | round(1e3 * self._settings.heartbeat_timeout)
-        self._set(HEARTBEAT_CONSUMED, guard if is_guarded else 0)
+        self._beat()
+        self._bus.guard(self._id, self._settings.heartbeat_timeout if is_guarded else 0.0)
 
     def recover(self) -> None:
         """Resets a fault for want of heartbeats or of the motor's supply; refuses any other."""
         if self._state() in _FAULTS:
             code = self._fault_code()
-            if code not in (objects.HEARTBEAT_LOST, objects.UNDERVOLTAGE):
+            if code not in (objects.HEARTBEAT_LOST, *self._maker.undervoltage):
                 raise self._faulty(code)
             self.guard(False)
             try:
                 self._reset()
             except DeviceError:
-                if code == objects.UNDERVOLTAGE and self._fault_code() == code:
+                if code in self._maker.undervoltage and self._fault_code() == code:
                     raise self._faulty(code) from None
                 raise
         # Nodes may leave the operational state when they miss heartbeats (CiA 301, 0x1029).
@@ -306,35 +310,52 @@ class Epos2Controller:
 
     def _rest(self) -> int:
         """Gives the drive the set value with which it stays where it is."""
-        is_position = self._mode is objects.POSITION_MODE
-        setting = self._get(objects.POSITION) if is_position else 0
+        setting = self._get(objects.POSITION) if self._is_place else 0
         self._set(self._mode.setting, setting)
+        if self._mode.offset is not None:
+            self._set(self._mode.offset, 0)
         return setting
 
-    def command(self, word: Controlword, setting: int) -> None:
+    @property
+    def _is_place(self) -> bool:
+        """Whether set values are positions."""
+        return len(self._mode.command.entries) == 1
+
+    def speed(self, rpm: float) -> int:
+        """Velocity in the drive's unit."""
+        return round(rpm * self._per_rpm)
+
+    def current(self, milliamperes: float) -> int:
+        """Current, or torque, in the drive's unit for a current of its motor."""
+        return round(milliamperes * self._per_mA)
+
+    def command(self, word: Controlword, setting: int, offset: int = 0) -> None:
         """Sends a controlword and a set value; nothing confirms them.
 
         Args:
             word: controlword.
-            setting: velocity [rpm], position [counts] or current [mA] of the motor; a position
-                counts only with a controlword that lets the drive run, before which it arrives.
+            setting: velocity or current of the motor in the drive's unit, or its position
+                [counts], which counts only with a controlword that lets the drive run, before
+                which it arrives.
+            offset: velocity that is fed forward to a position, in the drive's unit.
         """
         self._was_stopped = self._was_stopped or word is Controlword.QUICK_STOP
-        pdo = self._mode.command
-        if self._mode is objects.POSITION_MODE:
+        if self._is_place:
             if word is Controlword.ENABLE_OPERATION:
-                self.steer(setting)
-            self._bus.send(pdo.base + self._id, pdo.pack(word))
+                self.steer(setting, offset)
+            self._bus.command(self._id, self._mode.command, word)
         else:
-            self._bus.send(pdo.base + self._id, pdo.pack(word, setting))
+            self._bus.command(self._id, self._mode.command, word, setting)
 
-    def steer(self, setting: int) -> None:
+    def steer(self, setting: int, offset: int = 0) -> None:
         """Sends a set value, which a drive that does not run ignores.
 
         Args:
-            setting: velocity [rpm], position [counts] or current [mA] of the motor.
+            setting: see `command`.
+            offset: see `command`.
         """
-        self._bus.send(self._mode.target.base + self._id, self._mode.target.pack(setting))
+        values = (setting,) if self._mode.offset is None else (setting, offset)
+        self._bus.command(self._id, self._mode.target, *values)
 
     def disable(self) -> None:
         """Takes the power, makes sure that it is gone, and lets this computer fall silent.
@@ -351,13 +372,14 @@ class Epos2Controller:
 
     def poll(self) -> Sample:
         """Asks for the newest sample by service data."""
-        entries = (entry for pdo in self._reports for entry in pdo.entries)
-        return self._sample([self._get(entry) for entry in entries])
+        return self._sample([self._get(entry) for entry in self._report_entries])
 
     def sample(self, frames: Mapping[int, bytes]) -> Sample:
         """The sample that the node's frames carry."""
+        values: list[int] = []
         try:
-            status, motion = (pdo.unpack(frames[pdo.base + self._id]) for pdo in self._reports)
+            for pdo, can_id in zip(self._reports, self.report_ids, strict=True):
+                values += pdo.unpack(frames[can_id])
         except KeyError:
             code = self._bus.emergency(self._id)
             if code is not None:
@@ -368,25 +390,23 @@ class Epos2Controller:
             raise self._error(
                 f"sends frames of wrong length: {error}", DeviceFault.CORRUPT
             ) from None
-        return self._sample([*status, *motion])
+        return self._sample(values)
 
     def _sample(self, values: Sequence[int]) -> Sample:
         """The sample of the values of all reports, in their order."""
-        entries = (entry for pdo in self._reports for entry in pdo.entries)
-        by_entry = dict(zip(entries, values, strict=True))
+        speed, current, inputs = self._places
+        unit = 1e-3 * self._rated if self._maker.is_relative else 1.0
         return Sample(
-            state_of(by_entry[objects.STATUSWORD]),
-            by_entry[objects.POSITION],
-            by_entry[objects.VELOCITY],
-            by_entry.get(objects.CURRENT, 0),
-            by_entry.get(objects.INPUT_STATE),
+            state_of(values[0]),
+            values[1],
+            values[speed] / self._per_rpm,
+            0.0 if current < 0 else unit * values[current],
+            None if inputs < 0 else values[inputs],
         )
 
     def inputs(self, sample: Sample) -> list[bool]:
         """Whether there is voltage at the inputs 1, 2, ...; false at those that are not shown."""
-        input_bits = sample.inputs or 0
-        numbers = range(1, objects.INPUT_COUNT + 1)
-        return [bool(input_bits >> objects.general_purpose(number) & 1) for number in numbers]
+        return [bool((sample.inputs or 0) >> bit & 1) for bit in self._maker.inputs.bits]
 
     def is_stop_pressed(self, sample: Sample) -> bool:
         """Whether the contact of the emergency stop at this node is open."""
@@ -404,7 +424,7 @@ class Epos2Controller:
                 self._code = self._fault_code()
             # Without power it may be without its motor's supply as well.
             may_starve = condition.is_stopped or not condition.is_active
-            if not (may_starve and self._code == objects.UNDERVOLTAGE):
+            if not (may_starve and self._code in self._maker.undervoltage):
                 raise self._faulty(self._code)
             return
         self._code = None
@@ -425,8 +445,9 @@ class Epos2Controller:
 
     def _stopper(self) -> str:
         """Reason for the drive's stop, in words."""
+        inputs = self._maker.inputs
         with suppress(DeviceError):
-            if self._get(objects.INPUT_STATE) >> objects.QUICK_STOP_FUNCTION & 1:
+            if inputs.quick_stop and self._get(inputs.state) >> inputs.quick_stop & 1:
                 return "its digital input for a quick stop is active, as by the emergency stop"
         return "is there a stop button?"
 
@@ -453,7 +474,7 @@ class Epos2Controller:
         while (state := self._state()) is not state_wanted:
             if self._clock() > deadline:
                 code = self._bus.emergency(self._id)
-                words = f", {objects.described(code)}" if code else ""
+                words = f", {self._maker.described(code)}" if code else ""
                 raise self._error(
                     f"is in {state or 'no known state'}, not in {state_wanted}{words}"
                 )
@@ -471,90 +492,81 @@ class Epos2Controller:
         self._bus.set(self._id, entry, value)
 
     def _faulty(self, code: int | None) -> DeviceError:
-        if code == objects.UNDERVOLTAGE:
-            return self._error(_NO_SUPPLY)
-        words = "no EMCY was seen" if code is None else objects.described(code)
+        if code in self._maker.undervoltage:
+            return self._error(self._no_supply)
+        words = "no EMCY was seen" if code is None else self._maker.described(code)
         return self._error(f"is in fault: {words}")
 
     def _error(self, words: str, fault: DeviceFault = DeviceFault.FAILED) -> DeviceError:
         return DeviceError(self._settings.name, f"{self.name} {words}", fault)
 
 
-def set_up_of(settings: Epos2Settings, node_id: int) -> Iterator[tuple[Entry, int]]:
-    """Entries that a controller must have before it may be enabled, in order."""
-    stop, mode = settings.quick_stop_deceleration, mode_of(settings)
+def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[Entry, int]]:
+    """Entries that a drive must have before it may be enabled, in order.
+
+    Args:
+        settings: settings of the drives.
+        rated: rated current of its motor [mA].
+    """
+    maker, mode = MAKERS[settings.drive], mode_of(settings)
+    per_rpm = maker.per_rpm(settings.counts_per_turn)
+    fastest, per_unit = settings.rpm(settings.max_velocity), settings.rpm_per_unit * per_rpm
+    yield from maker.fixed
     yield objects.MODE, mode.number
-    yield objects.MAX_VELOCITY, settings.rpm(settings.max_velocity)
+    for entry in maker.speed_limits[settings.control]:
+        yield entry, round(fastest if entry == objects.MAX_MOTOR_VELOCITY else fastest * per_rpm)
     if mode is objects.PROFILE_VELOCITY:
         yield objects.PROFILE_TYPE, 0
-        yield objects.TARGET_VELOCITY, 0
-        yield objects.ACCELERATION, settings.rpm_per_second(settings.acceleration)
-        yield objects.DECELERATION, settings.rpm_per_second(settings.acceleration)
-    if mode is objects.CURRENT_MODE:
-        yield objects.CURRENT_SETTING, 0
-        yield objects.MAX_MOTOR_VELOCITY, settings.rpm(settings.max_velocity)
+        yield objects.ACCELERATION, max(1, round(settings.acceleration * per_unit))
+        yield objects.DECELERATION, max(1, round(settings.acceleration * per_unit))
+    if settings.control is not Control.POSITION:
+        yield mode.setting, 0
     if settings.following_error is not None:
         yield objects.MAX_FOLLOWING_ERROR, round(settings.counts(settings.following_error))
     yield (
         objects.QUICK_STOP_DECELERATION,
-        settings.rpm_per_second(stop),
+        max(1, round(settings.quick_stop_deceleration * per_unit)),
     )
     if settings.current_limit is not None:
-        yield objects.OUTPUT_CURRENT_LIMIT, round(1e3 * settings.current_limit)
+        unit = 1000.0 / rated if maker.is_relative else 1.0
+        yield maker.current_limit, round(1e3 * settings.current_limit * unit)
     yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
     yield HEARTBEAT_PRODUCED, 0
-    outputs = (objects.OUTPUTS,) if settings.outputs_of(node_id) else ()
-    objects_used = (mode.command, mode.target, *outputs, *reports(settings, node_id))
-    for index in objects.COMMUNICATION:
-        if index not in {pdo.communication for pdo in objects_used}:
-            yield Entry(index, 1, "<I"), _unused_id(index, node_id) | NOT_VALID
-    for pdo in objects_used:
-        yield from _mapping(pdo, node_id)
 
 
-def mode_of(settings: Epos2Settings) -> objects.Mode:
-    """Mode of operation of the drives."""
-    match settings.control:
-        case Control.VELOCITY:
-            return objects.PROFILE_VELOCITY
-        case Control.POSITION:
-            return objects.POSITION_MODE
-        case Control.FORCE:
-            return objects.CURRENT_MODE
+def mode_of(settings: AxesSettings) -> Mode:
+    """Mode of operation of the drives.
+
+    Raises:
+        ValueError: they do not have the settings' mode.
+    """
+    return MAKERS[settings.drive].mode(settings.control, settings.mode)
 
 
-def _bits(numbers: Collection[int]) -> int:
-    """Bits of the functionalities of digital outputs."""
-    return sum(1 << objects.general_purpose(number) for number in numbers)
+def outputs_pdo(settings: AxesSettings) -> Pdo:
+    """Process data of digital outputs, which are switched while the axes are braked as well."""
+    return objects.received(3, MAKERS[settings.drive].outputs.state)
 
 
-def _unused_id(index: int, node_id: int) -> int:
-    """Predefined identifier of a process data object (CiA 301)."""
-    base = 0x200 if index < 0x1800 else 0x180
-    return base + 0x100 * (index & 0x3) + node_id
+def process_data(settings: AxesSettings, node_id: int) -> tuple[Pdo, ...]:
+    """All process data of a node: what it obeys, and with what it answers SYNC."""
+    mode = mode_of(settings)
+    outputs = (outputs_pdo(settings),) if settings.outputs_of(node_id) else ()
+    return (mode.command, mode.target, *outputs, *reports(settings, node_id))
 
 
-def _mapping(pdo: Pdo, node_id: int) -> Iterator[tuple[Entry, int]]:
-    """Sets up a process data object in the order that CiA 301 prescribes: invalid meanwhile."""
-    can_id = pdo.base + node_id
-    yield Entry(pdo.communication, 1, "<I"), can_id | NOT_VALID
-    yield Entry(pdo.communication, 2, "<B"), pdo.transmission
-    yield Entry(pdo.mapping, 0, "<B"), 0
-    for number, entry in enumerate(pdo.entries, start=1):
-        yield Entry(pdo.mapping, number, "<I"), entry.mapping
-    yield Entry(pdo.mapping, 0, "<B"), len(pdo.entries)
-    yield Entry(pdo.communication, 1, "<I"), can_id
+def reports(settings: AxesSettings, node_id: int) -> tuple[Pdo, ...]:
+    """Process data with which a node answers SYNC: two bytes cost less in a frame than one."""
+    maker = MAKERS[settings.drive]
+    inputs = [maker.inputs.state] if settings.inputs_of(node_id) else []
+    current = [maker.current] if settings.measures_current else []
+    return objects.sent(
+        [objects.STATUSWORD, objects.POSITION, *inputs, objects.VELOCITY, *current]
+    )
 
 
-def reports(settings: Epos2Settings, node_id: int) -> tuple[Pdo, Pdo]:
-    """Process data with which a node answers SYNC."""
-    status = objects.STATUS_AND_INPUTS if settings.inputs_of(node_id) else objects.STATUS
-    motion = objects.MOTION_AND_CURRENT if settings.measures_current else objects.MOTION
-    return status, motion
-
-
-def stopping_time(settings: Epos2Settings, timing: Timing) -> float:
+def stopping_time(settings: AxesSettings, timing: Timing) -> float:
     """Longest time that a quick stop may take, until every motor stands [s]."""
     ramp = settings.max_velocity / settings.quick_stop_deceleration
-    fastest = max(abs(settings.rpm(settings.max_velocity)), STANDSTILL)
+    fastest = max(settings.rpm(settings.max_velocity), STANDSTILL)
     return ramp + _LAG * math.log(fastest / STANDSTILL) + timing.timeout

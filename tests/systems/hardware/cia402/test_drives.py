@@ -3,14 +3,14 @@ import time
 
 import pytest
 
-from parapod.systems.hardware.canopen import Entry
+from parapod.systems.hardware.canopen import Entry, mapping_of
+from parapod.systems.hardware.cia402 import objects
+from parapod.systems.hardware.cia402.controller import process_data, set_up_of
+from parapod.systems.hardware.cia402.device import unwrapped
+from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.settings import GearSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState
-from parapod.systems.hardware.epos2 import objects
-from parapod.systems.hardware.epos2.controller import set_up_of
-from parapod.systems.hardware.epos2.device import unwrapped
-from parapod.systems.hardware.epos2.emulator import EmulatedMotor
-from parapod.systems.hardware.epos2.settings import GearSettings
 
 RPM = 2.0 * math.pi / 60.0
 RESOLUTION = RPM / 26.0  # of a velocity at the wheel: whole rpm at the motor
@@ -266,7 +266,10 @@ def test_power_that_is_lost_is_noticed(rig):
 
 
 def test_settings_name_each_entry_and_make_pdos_valid_last():
-    written = list(set_up_of(GearSettings(gear=26.0), 3))
+    written = [
+        *set_up_of(GearSettings(gear=26.0)),
+        *mapping_of(process_data(GearSettings(gear=26.0), 3), 3),
+    ]
     values = dict(written)
     assert values[objects.MODE] == 3
     assert values[objects.MAX_VELOCITY] == 8000
@@ -283,4 +286,4 @@ def test_settings_name_each_entry_and_make_pdos_valid_last():
 
 
 def test_command_frame_is_controlword_and_rpm():
-    assert objects.COMMAND.pack(0x0F, -1500) == bytes.fromhex("0F0024FAFFFF")
+    assert objects.PROFILE_VELOCITY.command.pack(0x0F, -1500) == bytes.fromhex("0F0024FAFFFF")
