@@ -383,6 +383,16 @@ ROWS = {
     ),
     "NotFittedPart": Row(library="", measures={"angle": 1}, commands={"position_command": 1}),
 }
+# Drives of other makers.
+for _name, _drive in (
+    ("Epos2Axes", "epos4"),
+    ("Epos2PositionAxes", "nanotec"),
+    ("Epos2TorqueAxes", "elmo"),
+):
+    DRIVERS[f"{_name} {_drive}"] = DRIVERS[_name]
+    ROWS[f"{_name} {_drive}"] = replace(
+        ROWS[_name], settings=ROWS[_name].settings | {"drive": _drive}
+    )
 EMULATED = [name for name in ROWS if name != "NotFittedPart"]
 WITH_LIBRARY = [name for name in EMULATED if ROWS[name].library]
 PROGRAMS = [name for name in EMULATED if not ROWS[name].like]
@@ -792,7 +802,9 @@ def test_senseless_settings_are_refused_in_one_line_with_the_driver(place, name,
 def test_real_address_is_not_emulated(place, name):
     real = {"uri": "ip:10.0.0.7"} if "Iio" in name else ROWS[name].real
     rig = Rig(name, **real)
-    with pytest.raises(ScenarioError, match=rf"^!{name}\.\w+ = .* is not an address of the emul"):
+    with pytest.raises(
+        ScenarioError, match=rf"^!{DRIVERS[name].__name__}\.\w+ = .* is not an address of the emul"
+    ):
         rig.driver.emulate(rig.harness, rig.misbehaviour)
 
 

@@ -180,10 +180,11 @@ class Cia402Controller:
             words = f"is set up for {counts} counts per turn, not {self._settings.counts_per_turn}"
             raise self._error(words)
         if (rated := self._maker.rated_current) is not None:
-            self._rated = float(self._get(rated))
-            if self._rated == 0.0:
+            is_needed = self._maker.is_relative or self._settings.control is Control.FORCE
+            if is_needed and (value := self._get(rated)) == 0:
                 raise self._error(f"knows no rated current of its motor ({rated} is 0)")
-            self._per_mA = 1000.0 / self._rated
+            if is_needed:
+                self._rated, self._per_mA = float(value), 1000.0 / value
         state = self._state()
         remarks = self._past(state)
         if state is not DriveState.SWITCH_ON_DISABLED:
@@ -513,7 +514,7 @@ def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[E
     fastest, per_unit = settings.rpm(settings.max_velocity), settings.rpm_per_unit * per_rpm
     yield from maker.fixed
     yield objects.MODE, mode.number
-    for entry in maker.speed_limits[settings.control]:
+    for entry in maker.speed_limits.get(settings.control, ()):
         yield entry, round(fastest if entry == objects.MAX_MOTOR_VELOCITY else fastest * per_rpm)
     if mode is objects.PROFILE_VELOCITY:
         yield objects.PROFILE_TYPE, 0
@@ -521,6 +522,9 @@ def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[E
         yield objects.DECELERATION, max(1, round(settings.acceleration * per_unit))
     if settings.control is not Control.POSITION:
         yield mode.setting, 0
+    elif mode.number == objects.CYCLIC_POSITION.number:
+        yield objects.PERIOD, settings.command_period_ms
+        yield objects.PERIOD_EXPONENT, -3
     if settings.following_error is not None:
         yield objects.MAX_FOLLOWING_ERROR, round(settings.counts(settings.following_error))
     yield (

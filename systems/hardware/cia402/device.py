@@ -14,8 +14,10 @@ from parapod.systems.hardware.cia402.controller import (
     Condition,
     Sample,
     Timing,
+    mode_of,
     stopping_time,
 )
+from parapod.systems.hardware.cia402.makers import MAKERS
 from parapod.systems.hardware.cia402.settings import AxesSettings, Control
 from parapod.systems.hardware.cia402.switches import SwitchBoard, check_switches
 from parapod.systems.hardware.clock import monotonic, sleep
@@ -581,6 +583,19 @@ def _check(settings: AxesSettings, timing: Timing) -> None:
     for lower in (limits and limits.lower, strokes and strokes[0]):
         if lower and len(lower) != axes:
             raise ValueError(f"limits must be {axes}, not {len(lower)}")
+    mode, maker = mode_of(settings), MAKERS[settings.drive]
+    if settings.feedforward and mode.offset is None:
+        raise ValueError(f"feedforward must be 0 with mode {mode.number} of {maker.name}")
+    for each in settings.node_ids:
+        inputs, outputs = settings.inputs_of(each), settings.outputs_of(each)
+        for what, numbers, pins in (
+            ("input", inputs, maker.inputs),
+            ("output", outputs, maker.outputs),
+        ):
+            if numbers and max(numbers) > len(pins.bits):
+                raise ValueError(
+                    f"digital {what}s of {maker.name} are 1..{len(pins.bits)}, not {max(numbers)}"
+                )
     node, number = settings.stop_node, settings.stop_input
     inputs_taken = {} if node is None else {(node, number): "stop_input"}
     check_switches(settings.switches, settings.node_ids, inputs_taken)

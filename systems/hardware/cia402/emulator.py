@@ -217,7 +217,7 @@ class Cia402Node:
     @property
     def _speed_limits(self) -> tuple[Entry, ...]:
         """Entries of the largest velocity of a profile, in the drive's unit."""
-        limits = self._maker.speed_limits[Control.VELOCITY]
+        limits = self._maker.speed_limits.get(Control.VELOCITY, ())
         return tuple(entry for entry in limits if entry != objects.MAX_MOTOR_VELOCITY)
 
     @property
@@ -324,8 +324,10 @@ class Cia402Node:
         if self.state is DriveState.OPERATION_ENABLED:
             if not self._runs(Control.VELOCITY):
                 return 0.0
-            limit = min(self._slave.get(entry) for entry in self._speed_limits) / self._per_rpm
             goal = self._slave.get(objects.TARGET_VELOCITY) / self._per_rpm
+            limit = min(
+                (self._slave.get(e) / self._per_rpm for e in self._speed_limits), default=math.inf
+            )
             target = float(clamp(goal, -limit, limit))
             if self._slave.get(objects.MODE) == objects.CYCLIC_VELOCITY.number:
                 return target
@@ -391,6 +393,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
     vendor = maker.vendor if motor.vendor is None else motor.vendor
     hardware = next(iter(maker.models), 0) if motor.hardware is None else motor.hardware
     limits = {entry: 25000 for each in maker.speed_limits.values() for entry in each}
+    cyclic = any(mode.number == objects.CYCLIC_POSITION.number for mode in modes)
     none = dict.fromkeys(
         (
             objects.ERROR_COUNT,
@@ -410,6 +413,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
             *pins,
             *(entry for mode in modes for entry in mode.target.entries),
             *(entry for entry, _ in maker.fixed),
+            *((objects.PERIOD, objects.PERIOD_EXPONENT) if cyclic else ()),
         ),
         0,
     )

@@ -186,7 +186,144 @@ EPOS2 = Maker(
     },
 )
 
-MAKERS = {"epos2": EPOS2}
+# Bits of digital inputs and outputs that the standard leaves to the maker (0x60FD, 0x60FE).
+_OWN_BITS = tuple(range(16, 24))
+_CYCLIC = {
+    # The driver leads the set values of the cyclic one on a ramp.
+    Control.VELOCITY: (objects.PROFILE_VELOCITY, objects.CYCLIC_VELOCITY),
+    Control.POSITION: (objects.CYCLIC_POSITION_FED,),
+    Control.FORCE: (objects.CYCLIC_TORQUE,),
+}
+_HOLDING = (objects.QUICK_STOP_OPTION, objects.QUICK_STOP_AND_HOLD)
+_UNITS = (
+    (objects.POSITION_UNIT, objects.COUNTS_UNIT),
+    (objects.VELOCITY_UNIT, objects.RPM_UNIT),
+)
+_BOTH = (objects.MAX_VELOCITY, objects.MAX_MOTOR_VELOCITY)
+
+# Source: the maker's EDS file of an EPOS4 Module 50/5 (product 0x6150): indices, types, defaults
+# and what can be mapped. (?) The sensor's resolution in counts; general purpose A to H as numbers
+# 16 to 23, of which the file shows 16, 17 and 19 as defaults; the quick stop as 28; thousandths of
+# the rated torque as those of the nominal current; the words for codes.
+EPOS4 = Maker(
+    name="EPOS4",
+    vendor=MAXON,
+    models={},
+    modes=_CYCLIC,
+    resolution=(Entry(0x3000, 5, "<I"), 1),
+    current=Entry(0x30D1, 1, "<i"),  # averaged
+    current_limit=Entry(0x3001, 2, "<I"),
+    rated_current=Entry(0x3001, 1, "<I"),
+    speed_limits={
+        Control.VELOCITY: _BOTH,
+        Control.POSITION: _BOTH,
+        Control.FORCE: (objects.MAX_MOTOR_VELOCITY,),
+    },
+    inputs=Pins(
+        state=objects.INPUTS,
+        bits=_OWN_BITS,  # 1 to 4, and the high-speed ones as 5 to 8
+        function=tuple(Entry(0x3142, k, "<B") for k in range(1, 9)),
+        zeros=(Entry(0x3141, 2, "<H"),),
+        word_bits=tuple(range(8)),
+        quick_stop=28,
+    ),
+    outputs=Pins(
+        state=objects.OUTPUTS,
+        bits=_OWN_BITS[:3],  # the third is the high-speed one
+        function=tuple(Entry(0x3151, k, "<B") for k in range(1, 4)),
+        zeros=(Entry(0x3150, 2, "<H"),),
+        word_bits=tuple(range(3)),
+    ),
+    fixed=(_HOLDING, *_UNITS, (objects.TORQUE_OFFSET, 0)),
+    errors={
+        0x2320: "power stage protection",
+        0x5114: "supply voltage of the output stage too low",
+        0x81FD: "CAN bus off",
+        0x8A80: "negative limit switch",
+        0x8A81: "positive limit switch",
+        0x8A82: "software position limit",
+        0x8A88: "safe torque off",
+    },
+)
+
+# Source: Nanotec's EDS file of a C5-E-1-09 (FIR-v1650) for what it has: 0x2031, 0x2039, 0x203B,
+# 0x3240, 0x3250, 0x605A, 0x6065, 0x608F, 0x60C2, 0x60FD, 0x60FE; its manuals of PD4-C and PD4-E
+# for torques and currents (0x6071, 0x2031, 0x203B), and of PD6-C for 0x60A9 and its default. (?)
+# Units of positions (0x60A8), abort connection (0x6007), the consumer of heartbeats (0x1016) and a
+# quick stop that holds are not in that EDS file: a firmware without them is refused, since nothing
+# would stop its motor when the bus breaks. There is no limit of its velocity but the driver's.
+NANOTEC = Maker(
+    name="Nanotec",
+    vendor=0x26C,
+    models={},
+    modes=_CYCLIC | {Control.POSITION: (objects.CYCLIC_POSITION,)},
+    resolution=(Entry(0x608F, 1, "<I"), 1),
+    current=Entry(0x2039, 2, "<i"),  # of the field-oriented control's quadrature axis
+    current_limit=Entry(0x2031, 0, "<I"),
+    rated_current=Entry(0x203B, 1, "<I"),
+    speed_limits={},
+    inputs=Pins(
+        state=objects.INPUTS,
+        bits=_OWN_BITS[:6],
+        zeros=(Entry(0x3240, 1, "<I"), Entry(0x3240, 2, "<I")),  # limit switches, and polarity
+        word_bits=tuple(range(6)),
+    ),
+    outputs=Pins(
+        state=objects.OUTPUTS,
+        bits=_OWN_BITS[:2],
+        zeros=(Entry(0x3250, 2, "<I"),),
+        word_bits=tuple(range(2)),
+    ),
+    fixed=(_HOLDING, *_UNITS),
+    undervoltage=frozenset({0x3100}),
+    errors={
+        0x2300: "overcurrent",
+        0x3100: "supply voltage out of range",
+        0x4200: "overtemperature",
+        0x7305: "encoder 1 error",
+        0x8612: "limit switch",
+    },
+)
+
+# Source: identity, units (counts/s but for 0x6080), CA[18] as the resolution, 0x6073, 0x6075,
+# 0x6078, bits of 0x60FD and 0x60FE, and codes: public programs that drive them over EtherCAT (NASA
+# JPL's JSD; ETH Zurich's elmo_ethercat_sdk, also for 0x6007 and 0x60C2); rated current in mA:
+# Elmo's CANopen DSP 402 Implementation Guide. (?) A quick stop that holds (option 6; those
+# programs use 2), and heartbeats that are consumed. Functions and polarity of inputs and outputs
+# are set with the maker's program: general purpose, active with voltage.
+ELMO = Maker(
+    name="Elmo Gold",
+    vendor=0x9A,
+    models={0x0003: "Gold"},
+    modes=_CYCLIC,
+    resolution=(Entry(0x3034, 18, "<I"), 1),
+    current=objects.CURRENT,
+    current_limit=objects.MAX_CURRENT,
+    rated_current=objects.RATED_CURRENT,
+    is_relative=True,
+    has_counts=True,
+    speed_limits=EPOS4.speed_limits,
+    inputs=Pins(objects.INPUTS, _OWN_BITS[:6]),
+    outputs=Pins(objects.OUTPUTS, _OWN_BITS[:6]),
+    fixed=(_HOLDING, (objects.TORQUE_OFFSET, 0)),
+    undervoltage=frozenset({0x3120}),
+    errors={
+        0x2340: "short circuit",
+        0x3120: "undervoltage",
+        0x3130: "loss of a phase",
+        0x3310: "overvoltage",
+        0x4310: "overtemperature of the drive",
+        0x5441: "motor disabled by a switch",
+        0x5442: "motion aborted by a switch",
+        0x7121: "motor stuck",
+        0x7300: "feedback error",
+        0x7306: "commutation failed",
+        0x7380: "loss of feedback",
+        0x8311: "peak current exceeded",
+    },
+)
+
+MAKERS = {"epos2": EPOS2, "epos4": EPOS4, "nanotec": NANOTEC, "elmo": ELMO}
 
 
 def maker_of(vendor: int, product: int) -> Maker | None:

@@ -83,13 +83,24 @@ class Cia402Positions(Cia402Device):
         return self._stands_by_now and self._is_fresh
 
     def _run(self) -> None:
-        now = self._clock()
+        now, offsets = self._clock(), ()  # type: float, Sequence[int]
         if self._word is not Controlword.ENABLE_OPERATION:
             self._set = [count or 0 for count in self._counts]
         elif self._wanted is not None and self._is_fresh:
-            self._set = self._moved_on(self._wanted, min(now - self._moved, LONGEST))
+            before, elapsed = self._set, min(now - self._moved, LONGEST)
+            self._set = self._moved_on(self._wanted, elapsed)
+            offsets = self._fed(before, elapsed)
         self._moved = now
-        self._send(Controlword.ENABLE_OPERATION, [wrapped(value) for value in self._set])
+        self._send(Controlword.ENABLE_OPERATION, [wrapped(v) for v in self._set], offsets)
+
+    def _fed(self, before: Sequence[int], elapsed: float) -> Sequence[int]:
+        """Velocities of the set values that the drives are told beside them, in their unit."""
+        share = self._settings.feedforward
+        if share == 0.0 or elapsed <= 0.0:
+            return ()
+        rpm = 60.0 * share / (self._settings.counts_per_turn * elapsed)
+        moves = zip(self._controllers, self._set, before, strict=True)
+        return [drive.speed((value - previous) * rpm) for drive, value, previous in moves]
 
     def _moved_on(self, command: Sequence[float], elapsed: float) -> list[int]:
         """Set values after a time, on their ways to positions that are wanted [counts]."""

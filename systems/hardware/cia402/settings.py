@@ -21,7 +21,7 @@ _RPM = 2.0 * math.pi / 60.0  # [rad/s]
 # Following error while an axis looks for its end: longer than any stroke [mm].
 _UNBOUNDED_MM = 1000.0
 # Names in errors; their tables are in `makers`.
-_DRIVES = {"epos2": "EPOS2"}
+_DRIVES = {"epos2": "EPOS2", "epos4": "EPOS4", "nanotec": "Nanotec", "elmo": "Elmo Gold"}
 
 type Strokes = tuple[tuple[float, ...], tuple[float, ...]]
 """Least and largest positions of the axes [rad or m]."""
@@ -96,6 +96,8 @@ class AxesSettings(Schema):
     limit_lead_ms = None  # type: float | None
     following_error_deg = None  # type: float | None
     following_error_mm = None  # type: float | None
+    command_period_ms = 0  # type: int
+    feedforward = 0.0  # type: float
     max_force_N = None  # type: float | None  # noqa: N815
     max_torque_Nm = None  # type: float | None  # noqa: N815
     force_per_current_N_A = None  # type: float | None  # noqa: N815
@@ -419,6 +421,23 @@ class Ramp(AxesSettings):
 
 
 @dataclass
+class Places(AxesSettings):
+    """Axes whose positions are commanded.
+
+    Attributes:
+        command_period_ms: time between two commands, between whose set values drives in a cyclic
+            synchronous mode interpolate (0x60C2) [ms].
+        feedforward: share of the set values' velocity that such drives are told beside them
+            (0x60B1) [-]; some find it by themselves, and it then counts twice.
+    """
+
+    control: ClassVar[Control] = Control.POSITION
+
+    command_period_ms: int = quantity(10, 1, 100)
+    feedforward: float = quantity(0.0, 0.0, 1.0)
+
+
+@dataclass
 class Switches(AxesSettings):
     """Locks and clamps at the controllers.
 
@@ -460,14 +479,12 @@ class GearSettings(Gear):
 
 
 @dataclass
-class PositionTurnSettings(Gear, Angles):
+class PositionTurnSettings(Gear, Angles, Places):
     """Axes that turn behind a gear, and whose positions are commanded.
 
     Attributes:
         following_error_deg: distance from where it is commanded at which a drive gives up [deg].
     """
-
-    control: ClassVar[Control] = Control.POSITION
 
     following_error_deg: float = quantity(5.0, 0.01, 360.0)
 
@@ -488,14 +505,12 @@ class ScrewSettings(Screw, Ramp, Load):
 
 
 @dataclass
-class PositionScrewSettings(Screw, Ramp, Load, Switches):
+class PositionScrewSettings(Screw, Ramp, Load, Switches, Places):
     """Screws whose positions are commanded, and locks and clamps.
 
     Attributes:
         following_error_mm: distance from where it is commanded at which a drive gives up [mm].
     """
-
-    control: ClassVar[Control] = Control.POSITION
 
     following_error_mm: float = quantity(2.0, 0.01, 1000.0)
 

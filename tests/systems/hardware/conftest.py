@@ -7,8 +7,9 @@ import time
 import pytest
 
 from parapod.systems.hardware.cia402.controller import Timing
-from parapod.systems.hardware.cia402.emulator import Cia402Nodes
+from parapod.systems.hardware.cia402.emulator import Cia402Nodes, EmulatedMotor
 from parapod.systems.hardware.cia402.forces import Cia402Forces
+from parapod.systems.hardware.cia402.makers import MAKERS
 from parapod.systems.hardware.cia402.positions import Cia402Positions
 from parapod.systems.hardware.cia402.settings import Control, GearSettings
 from parapod.systems.hardware.cia402.velocities import Cia402Velocities
@@ -165,12 +166,14 @@ class Rig:
         self.harness = make_harness(wires)
         self.harness.set(SUPPLY, (1.0,))
         self.harness.set(f"{part}.position", [position] * axes)
+        motor = node.pop("motor", EmulatedMotor())
         self.nodes = Cia402Nodes(
             self.harness,
             channel=channel,
             misbehaviour=self.misbehaviour,
             part=part,
             switches=self.settings.switches,
+            motor=motor._replace(maker=node.pop("maker", MAKERS[self.settings.drive])),
             **node,
         )
         self.drives = device(self.settings, timing, is_synchronous, clock)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from parapod.systems.hardware.cia402.emulator import EmulatedMotor
-from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.makers import EPOS2, MAKERS
 from parapod.systems.hardware.cia402.settings import Control, PositionScrewSettings
 from parapod.systems.hardware.cia402.switches import switches_of_limbs
 from parapod.systems.hardware.emulation.harness import Harness
@@ -149,3 +149,9 @@ def legs(make_legs):
     legs = make_legs()
     legs.activate()
     return legs
+
+
+@pytest.fixture(params=MAKERS)
+def drive(request):
+    """Each maker's drives."""
+    return request.param
