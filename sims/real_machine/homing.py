@@ -90,22 +90,27 @@ def home_part(
         stack.callback(say_news)  # also of devices that are refused
         stack.enter_context(here.active())
         say_news()
-        if homing.begin is not None:
-            hands.carry_out(homing.begin(homing, driver, period, say))
-        results = hands.carry_out(find_ends(homing, driver, part, period, say))
-        _refer(thread, device, ends + hands.positions() - results.edge)
         checks: list[Check] = []
+        metrics: list[Metric] = []
+        if device.is_referenced:  # by its own homing
+            how = "homed by the drives themselves"
+        else:
+            if homing.begin is not None:
+                hands.carry_out(homing.begin(homing, driver, period, say))
+            results = hands.carry_out(find_ends(homing, driver, part, period, say))
+            _refer(thread, device, ends + hands.positions() - results.edge)
+            how = f"homed, again within {1e3 * float(results.spread.max()):.2f} mm"
+            metrics = [_spread(results, homing)]
         if homing.checks is not None:
             say(f"ends found; {homing.checking}")
             checks = hands.carry_out(homing.checks(homing, driver, period))
         _stop(thread)
-        spread = 1e3 * float(results.spread.max())
         if all(check.is_held for check in checks):
-            device.remember(f"homed, again within {spread:.2f} mm")
+            device.remember(how)
             say(f"{device.name}: the file knows the {homing.measures}s from now on")
         else:
             say(f"{device.name}: the reference is refused, and the file knows nothing")
-    return [_spread(results, homing), *(_metric(check) for check in checks)]
+    return [*metrics, *(_metric(check) for check in checks)]
 
 
 def _incremental(

@@ -358,6 +358,34 @@ class Cia402Controller:
         values = (setting,) if self._mode.offset is None else (setting, offset)
         self._bus.command(self._id, self._mode.target, *values)
 
+    def begin_homing(self) -> None:
+        """Has a drive that runs begin to look for its home by its own method."""
+        settings, speed = self._settings, self._settings.homing_speed_rpm
+        deceleration = settings.quick_stop_deceleration * settings.rpm_per_unit
+        self._set(objects.HOME_OFFSET, 0)
+        self._set(objects.HOMING_METHOD, settings.homing_method or 0)
+        for entry, rpm in zip(objects.HOMING_SPEEDS, (speed, 0.1 * speed), strict=True):
+            self._set(entry, max(1, self.speed(rpm)))
+        self._set(objects.HOMING_ACCELERATION, max(1, self.speed(deceleration)))
+        self._set(objects.MODE, objects.HOMING)
+        for word in (0, objects.HOMING_START):  # it obeys the edge
+            self._set(objects.CONTROLWORD, Controlword.ENABLE_OPERATION | word)
+
+    def is_home(self) -> bool:
+        """Whether it has found its home."""
+        word = self._get(objects.STATUSWORD)
+        if word & objects.HOMING_ERROR or state_of(word) is not DriveState.OPERATION_ENABLED:
+            method = self._settings.homing_method
+            raise self._error(f"does not find its home by method {method} (0x6098)")
+        return word & objects.HOMING_ATTAINED == objects.HOMING_ATTAINED
+
+    def end_homing(self) -> int:
+        """Leads it back to its mode, at rest; the set value with which it stays where it is."""
+        setting = self._rest()
+        self._set(objects.MODE, self._mode.number)
+        self._set(objects.CONTROLWORD, Controlword.ENABLE_OPERATION)
+        return setting
+
     def disable(self) -> None:
         """Takes the power, makes sure that it is gone, and lets this computer fall silent.
 

@@ -32,6 +32,8 @@ _RELEASED = (0.0,)  # brake of axes that are not commanded to brake
 # Longest time that counts between two commands [s]: two periods at 100 Hz. After a longer pause an
 # axis goes on from where it is, and makes up for nothing.
 LONGEST = 0.02
+# Longest time until a drive has found its home by itself [s]; a long screw takes its time.
+_HOMING = 120.0
 # Silences of a node while axes stop after which that is an error.
 _SILENCES = 2
 # Time for which nodes are asked whether their power is gone, once one of them was silent [s].
@@ -83,7 +85,9 @@ class Cia402Device(IncrementalDevice):
     **Reference.** The controllers count from zero since their power-on. `position` is absolute
     when the settings say where the axes are at `configure`, or after `set_reference`. Where there
     are limits, nothing gets power before. While an axis looks for its end (`seek_reference`) there
-    are no limits, and its motor's current is that of `homing_current_a` at most.
+    are no limits, and its motor's current is that of `homing_current_a` at most. With a
+    `homing_method` it is the drives that look, one after another, when `activate` is called then:
+    by their own method, with switches at their own inputs, and the positions are known after it.
 
     **Guard.** This computer's heartbeat guards the axes from `activate` to `deactivate`:
     controllers that miss it for the settings' `heartbeat_timeout_ms` stop the axes by a quick stop
@@ -232,12 +236,41 @@ class Cia402Device(IncrementalDevice):
             # A heartbeat is missed only after a first one (CiA 301): no power before that.
             self._beaten = -math.inf
             self._beat()
-            self._begin([controller.enable(state) for controller in self._controllers])
+            settings = [controller.enable(state) for controller in self._controllers]
             self._word, self._worded = begins, self._clock()
+            if self._is_homing and self._settings.homing_method is not None:
+                settings = self._home()
+            self._begin(settings)
         except BaseException:
             with suppress(DeviceError):
                 self._release()
             raise
+
+    def _home(self) -> list[int]:
+        """Has one drive after another find its home, while the others are held.
+
+        Returns:
+            Set values with which the axes then stay where they are.
+        """
+        positions, settings = self._settings.position_at_home or (), []
+        for controller in self._controllers:
+            controller.begin_homing()
+            deadline = self._clock() + _HOMING
+            while not controller.is_home():
+                self._samples()
+                if self._is_pressed:
+                    raise DeviceError(self.name, "the emergency stop is pressed")
+                if self._clock() > deadline:
+                    raise DeviceError(
+                        self.name, f"{controller.name} has found no home in {_HOMING:g} s"
+                    )
+                sleep(POLL)
+            settings.append(controller.end_homing())
+        # The counts are zero at the homes from now on.
+        self._counts, self._offset = [None] * len(positions), [*positions]
+        self._position = self._counted(self._samples())
+        self._is_referenced = True
+        return settings
 
     def read(self) -> Signals:
         """Measurements of the drives at the SYNC that this sends.
@@ -583,7 +616,13 @@ def _check(settings: AxesSettings, timing: Timing) -> None:
     for lower in (limits and limits.lower, strokes and strokes[0]):
         if lower and len(lower) != axes:
             raise ValueError(f"limits must be {axes}, not {len(lower)}")
-    mode, maker = mode_of(settings), MAKERS[settings.drive]
+    mode, maker, home = mode_of(settings), MAKERS[settings.drive], settings.position_at_home
+    if settings.homing_method is not None and (home is None or len(home) != axes):
+        raise ValueError(
+            f"with homing_method position_at_home_mm must be {axes} values, not {home}"
+        )
+    if settings.homing_method is not None and settings.control is Control.FORCE:
+        raise ValueError("homing_method must be null where forces are commanded: nothing holds")
     if settings.feedforward and mode.offset is None:
         raise ValueError(f"feedforward must be 0 with mode {mode.number} of {maker.name}")
     for each in settings.node_ids:

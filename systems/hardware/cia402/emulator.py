@@ -127,6 +127,7 @@ class Cia402Node:
         self._inputs, self._is_supplied = [False] * len(motor.maker.inputs.bits), True
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
         self._position = switched_on_at
+        self._homing = 0  # bits of the statusword about a homing
         self._held_up = 0.0  # how long the motor has stood against its demand [s]
         self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
         self._slave.node.add_read_callback(self._on_read)
@@ -340,6 +341,17 @@ class Cia402Node:
         step = rate / self._per_rpm * elapsed
         return float(clamp(target, self._demand - step, self._demand + step))
 
+    def _find_home(self) -> None:
+        """Makes the place where the axis is its home, if the method says so.
+
+        There are no switches by which another method would find it (assumption: it then fails).
+        """
+        is_here = self._slave.get(objects.HOMING_METHOD) in objects.HOMING_HERE
+        self._homing = objects.HOMING_ATTAINED if is_here else objects.HOMING_ERROR
+        if is_here:
+            self._zero = self.measured.position
+            self._motor = self._motor._replace(position_offset=0)
+
     def _miss_heartbeat(self) -> None:
         self.trip(objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
 
@@ -353,7 +365,8 @@ class Cia402Node:
             return self._functions
         if index == objects.STATUSWORD.index:
             powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
-            return STATUSWORDS[self.state] | _OFFSETS_MEASURED | powered
+            homing = self._homing if self._slave.get(objects.MODE) == objects.HOMING else 0
+            return STATUSWORDS[self.state] | _OFFSETS_MEASURED | powered | homing
         if index == objects.POSITION.index:
             turns = (self.measured.position - self._zero) * motor.gear / (2.0 * math.pi)
             counts = round(motor.sign * 4 * motor.pulses * turns) + motor.position_offset
@@ -371,6 +384,8 @@ class Cia402Node:
         if index != objects.CONTROLWORD.index:
             return
         word = objects.CONTROLWORD.unpack(data)
+        if word & ~self._controlword & objects.HOMING_START:
+            self._find_home()
         before, after = self.state, obeyed(self.state, self._controlword, word)
         self._controlword = word
         if before is DriveState.FAULT and not self._is_supplied:
@@ -406,6 +421,7 @@ def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
             objects.POSITION,
             objects.VELOCITY,
             objects.PROFILE_TYPE,
+            objects.HOME_OFFSET,
             objects.HOMING_METHOD,
             *objects.HOMING_SPEEDS,
             objects.HOMING_ACCELERATION,

@@ -38,6 +38,7 @@ ACCELERATION = Entry(0x6083, 0, "<I")
 DECELERATION = Entry(0x6084, 0, "<I")
 QUICK_STOP_DECELERATION = Entry(0x6085, 0, "<I")
 PROFILE_TYPE = Entry(0x6086, 0, "<h")  # 0: trapezoidal
+HOME_OFFSET = Entry(0x607C, 0, "<i")  # [counts]
 HOMING_METHOD = Entry(0x6098, 0, "<b")
 HOMING_SPEEDS = (Entry(0x6099, 1, "<I"), Entry(0x6099, 2, "<I"))  # to the switch, and to its edge
 HOMING_ACCELERATION = Entry(0x609A, 0, "<I")
@@ -54,7 +55,9 @@ ABORT_BY_QUICK_STOP = 3
 # On the ramp of a quick stop, and then it holds.
 QUICK_STOP_AND_HOLD = 6
 COUNTS_UNIT, RPM_UNIT = 0x00B5_0000, 0x00B4_4700  # CiA 303-2: increments; turns per minute
-HOMING = 6  # mode of operation
+# Mode of operation, bit of the controlword that begins, and bits of the statusword at the end.
+HOMING, HOMING_START, HOMING_ATTAINED, HOMING_ERROR = 6, 0x10, 0x1400, 0x2000
+HOMING_HERE = (35, 37)  # methods that move nothing: the home is where the axis is
 # Bytes of a CAN frame: statusword, position and velocity are ten.
 _FRAME = 8
 

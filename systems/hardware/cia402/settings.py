@@ -90,6 +90,9 @@ class AxesSettings(Schema):
     position_min_mm = None  # type: list[float] | None
     position_max_mm = None  # type: list[float] | None
     position_at_start_mm = None  # type: list[float] | None
+    homing_method = None  # type: int | None
+    homing_speed_rpm = 0.0  # type: float
+    position_at_home_mm = None  # type: list[float] | None
     position_file = ""  # type: str
     quick_stop_mm_s2 = None  # type: float | None
     acceleration_mm_s2 = None  # type: float | None
@@ -174,6 +177,11 @@ class AxesSettings(Schema):
     def position_at_start(self) -> tuple[float, ...] | None:
         """Positions of the axes when the device is configured [unit]; None: not known."""
         return _positions(self.position_at_start_mm, self.position_at_start_deg)
+
+    @property
+    def position_at_home(self) -> tuple[float, ...] | None:
+        """Positions of the axes at the home that the drives find themselves [unit]."""
+        return _positions(self.position_at_home_mm, None)
 
     @property
     def positions_path(self) -> str:
@@ -393,6 +401,11 @@ class Screw(AxesSettings):
             machine's.
         position_at_start_mm: measured lengths at the start of the program [mm]; null: not
             measured, so the file must know them.
+        homing_method: number of a method by which the drives find their home themselves
+            (0x6098) when `parapod home` asks for it; null: it has them look for their ends.
+        homing_speed_rpm: velocity of a motor on its way to that home [rpm]; a tenth of it back to
+            the switch's edge.
+        position_at_home_mm: lengths at that home [mm], one for each axis.
         position_file: file that keeps the lengths from one program to the next, in the folder in
             which the program is started if it has no other; while there is none, a program
             begins with `position_at_start_mm`.
@@ -405,6 +418,9 @@ class Screw(AxesSettings):
     position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     # No default: a guess would be believed, and the limits would be where they are not.
     position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
+    homing_method: int | None = quantity(None, -128, 127)
+    homing_speed_rpm: float = quantity(100.0, 1.0, 10_000.0)
+    position_at_home_mm: list[float] | None = quantity(None, -20_000.0, 20_000.0)
     position_file: str = "emulator/positions.json"
 
 

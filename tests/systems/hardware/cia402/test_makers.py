@@ -19,6 +19,7 @@ from parapod.systems.hardware.cia402.settings import (
     GearSettings,
     PositionScrewSettings,
     PositionTurnSettings,
+    ScrewSettings,
     TorqueSettings,
 )
 from parapod.systems.hardware.cia402.velocities import Cia402Velocities
@@ -307,3 +308,56 @@ def test_an_unused_entry_is_in_no_set_up_of_an_epos2():
     assert not written & {objects.QUICK_STOP_OPTION, objects.VELOCITY_UNIT, objects.PERIOD}
     assert EPOS2.rated_current is None
     assert Entry(0x6071, 0, "<h") not in written
+
+
+# --- homing by the drives themselves
+
+
+def homed(drive, tmp_path, **changes):
+    return {
+        "drive": drive,
+        "node_ids": [1, 2],
+        "signs": [1, -1],
+        "position_min_mm": [0.0, 0.0],
+        "position_max_mm": [900.0, 900.0],
+        "position_file": str(tmp_path / "p.json"),
+        "homing_method": 37,
+        "position_at_home_mm": [700.0, 650.0],
+    } | changes
+
+
+def test_drives_find_their_homes_when_a_reference_is_sought(make_rig, drive, tmp_path):
+    motor = EmulatedMotor(gear=2.0 * math.pi / 5e-3, position_offset=4321)
+    axes = {"axes": 2, "node_ids": [1, 2], "signs": (1, -1), "motor": motor, "position": 0.2}
+    with make_rig(homed(drive, tmp_path), ScrewSettings, **axes) as rig:
+        rig.drives.seek_reference()
+        rig.activate()
+        assert rig.drives.is_referenced
+        near = pytest.approx([0.7, 0.65], abs=1e-5)
+        assert rig.drives.read()["position"] == near
+        mode = mode_of(rig.settings).number
+        assert {node._slave.get(objects.MODE) for node in rig.nodes.nodes} == {mode}
+        assert set(rig.nodes.states) == {DriveState.OPERATION_ENABLED}
+        rig.harness.set("wheels.position", (0.21, 0.21))
+        near = pytest.approx([0.71, 0.66], abs=1e-5)
+        rig.wait(lambda: rig.drives.read()["position"] == near)
+        rig.drives.remember("homed by the drives themselves")
+
+
+def test_a_home_that_is_not_found_takes_the_power(make_rig, drive, tmp_path):
+    settings = homed(drive, tmp_path, homing_method=17)
+    axes = {"axes": 2, "node_ids": [1, 2], "signs": (1, -1)}
+    with make_rig(settings, ScrewSettings, **axes) as rig:
+        rig.drives.seek_reference()
+        rig.drives.configure()
+        words = "node 1 does not find its home by method 17 (0x6098)"
+        assert words in str(refused(rig.drives.activate))
+        assert not rig.drives.is_referenced
+        rig.wait_for(DriveState.SWITCH_ON_DISABLED)
+
+
+def test_a_home_needs_its_positions(tmp_path):
+    for values in (None, [1.0]):
+        settings = homed("epos2", tmp_path, position_at_home_mm=values)
+        with pytest.raises(ValueError, match="position_at_home_mm must be 2 values"):
+            Cia402Velocities(ScrewSettings(**settings))
