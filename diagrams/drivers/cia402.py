@@ -60,6 +60,8 @@ class _Axes(AxesSettings, Driver):
         from parapod.systems.hardware.cia402.emulator import Cia402Nodes, EmulatedMotor
         from parapod.systems.hardware.cia402.makers import MAKERS
 
+        if self.interface == "ethercat":  # has no emulator
+            return super().emulate(harness, misbehaviour)
         link = emulated(self.channel, f"!{type(self).__name__}.channel")
         motor = EmulatedMotor(
             gear=self.motor_per_unit,

@@ -26,6 +26,7 @@ EXTRAS = {
     "pyarrow": "study",
     "pygraphviz": "draw",
     "pymoo": "design",
+    "pysoem": "ethercat",
     "rclpy": "ros2",
     "rosbags": "log",
     "rosgraph_msgs": "ros2",

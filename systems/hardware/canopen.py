@@ -332,7 +332,8 @@ class CanopenBus:
         self.set(node_id, HEARTBEAT_CONSUMED, whose if timeout else 0)
 
     def carry(self, node_id: int, pdos: Sequence[Pdo]) -> None:
-        """Has a node send and obey these process data, and no others."""
+        """Has a node send and obey these process data, and nothing else, also no heartbeat."""
+        self.set(node_id, HEARTBEAT_PRODUCED, 0)
         for entry, value in mapping_of(pdos, node_id):
             self.set(node_id, entry, value)
 

@@ -7,7 +7,6 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from parapod.systems.hardware.canopen import (
-    HEARTBEAT_PRODUCED,
     NMT_PRE_OPERATIONAL,
     NMT_START,
     CanopenBus,
@@ -28,6 +27,9 @@ from parapod.systems.hardware.ds402 import (
     state_of,
     steps_to_operation,
 )
+from parapod.systems.hardware.ethercat import EthercatBus
+
+type Bus = CanopenBus | EthercatBus
 
 _FAULTS = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
 
@@ -95,7 +97,7 @@ class Cia402Controller:
 
     def __init__(
         self,
-        bus: CanopenBus,
+        bus: Bus,
         node_id: int,
         settings: AxesSettings,
         timing: Timing,
@@ -563,7 +565,6 @@ def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[E
         unit = 1000.0 / rated if maker.is_relative else 1.0
         yield maker.current_limit, round(1e3 * settings.current_limit * unit)
     yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
-    yield HEARTBEAT_PRODUCED, 0
 
 
 def mode_of(settings: AxesSettings) -> Mode:

@@ -10,6 +10,7 @@ from parapod.systems.hardware.canopen import MASTER_ID, CanopenBus, wrapped
 from parapod.systems.hardware.cia402.controller import (
     POLL,
     STANDSTILL,
+    Bus,
     Cia402Controller,
     Condition,
     Sample,
@@ -23,6 +24,7 @@ from parapod.systems.hardware.cia402.switches import SwitchBoard, check_switches
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ds402 import Controlword, DriveState
+from parapod.systems.hardware.ethercat import EthercatBus
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.soft_limits import check_order
 
@@ -140,7 +142,7 @@ class Cia402Device(IncrementalDevice):
         brake = {"brake": 1} if settings.has_brake else {}
         self.commands = {self.command_signal: axes} | brake | self._switches.commands
         self.fail_safe = (*brake, *self._switches.commands)
-        self._bus: CanopenBus | None = None
+        self._bus: Bus | None = None
         self._controllers: list[Cia402Controller] = []
         self._is_active = self._is_braked = self._is_referenced = False
         self._may_have_power = False
@@ -176,7 +178,8 @@ class Cia402Device(IncrementalDevice):
         self.close()
         settings = self._settings
         names = settings.axis_names or ("",) * len(settings.node_ids)
-        bus = CanopenBus(self.name, settings.node_ids, self._timing.sdo_timeout)
+        kind = EthercatBus if settings.interface == "ethercat" else CanopenBus
+        bus: Bus = kind(self.name, settings.node_ids, self._timing.sdo_timeout)
         self._bus = bus
         self._controllers = [
             Cia402Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
@@ -380,7 +383,7 @@ class Cia402Device(IncrementalDevice):
         if bus is not None:
             bus.close()
 
-    def _open_bus(self) -> CanopenBus:
+    def _open_bus(self) -> Bus:
         if self._bus is None:
             raise DeviceError(self.name, "not configured", DeviceFault.UNPLUGGED)
         return self._bus

@@ -44,11 +44,13 @@ class AxesSettings(Schema):
         drive: maker's drives that they are, all of them; see `makers`.
         mode: number of the drives' mode of operation (0x6060); null: the usual one of `drive`.
         interface: python-can's name of the bus: "slcan" (serial adapter), "socketcan" (network
-            interface), or "virtual" within this process.
-        channel: serial port of the adapter for slcan, network interface for socketcan, any name
-            for virtual.
+            interface), or "virtual" within this process; or "ethercat", which was never tested on
+            a wire.
+        channel: serial port of the adapter for slcan, network interface for socketcan and
+            ethercat, any name for virtual.
         bitrate: speed of the bus [bit/s]; socketcan has its own.
-        node_ids: addresses of the controllers, in the order of the axes.
+        node_ids: addresses of the controllers, in the order of the axes; on EtherCAT their places
+            on the ring, from 1.
         counts_per_turn: encoder counts per turn of the motor, all four edges [-].
         max_velocity_rpm: largest velocity of a motor [rpm].
         heartbeat_timeout_ms: silence after which the controllers stop by themselves [ms]; see
@@ -64,7 +66,7 @@ class AxesSettings(Schema):
     part: str = ""
     drive: str = choice("epos2", tuple(_DRIVES))
     mode: int | None = quantity(None, -3, 10)
-    interface: str = choice("slcan", ("slcan", "socketcan", "virtual"))
+    interface: str = choice("slcan", ("slcan", "socketcan", "virtual", "ethercat"))
     channel: str = "emulator/can"
     bitrate: int = quantity(1_000_000, 10_000, 1_000_000)
     node_ids: list[int] = quantity([1], 1, 127)
@@ -290,7 +292,9 @@ class AxesSettings(Schema):
 
     @property
     def bus_options(self) -> dict[str, Any]:
-        """Arguments of `can.Bus`."""
+        """Arguments of `can.Bus`, or of `EthercatBus.open`."""
+        if self.interface == "ethercat":
+            return {"channel": self.address}
         options: dict[str, Any] = {"interface": self.interface, "channel": self.address}
         if self.interface != "virtual":
             options["bitrate"] = self.bitrate
