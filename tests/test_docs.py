@@ -24,8 +24,9 @@ from parapod.sims.lab.discovery import find_entry
 from parapod.systems.core import schema
 from parapod.systems.core.scenario_file import load_scenario
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import Timing, outputs_pdo, reports
+from parapod.systems.hardware.cia402.controller import Timing
 from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.set_up import outputs_pdo, reports
 from parapod.systems.hardware.cia402.settings import AxesSettings, Control
 from parapod.systems.hardware.cia402.switches import switches_of_limbs
 from parapod.systems.hardware.emulation.harness import KINDS

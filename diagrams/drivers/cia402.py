@@ -57,7 +57,8 @@ class _Axes(AxesSettings, Driver):
         self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
         """See `Driver`: an SLCAN adapter with all the controllers behind it."""
-        from parapod.systems.hardware.cia402.emulator import Cia402Nodes, EmulatedMotor
+        from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
+        from parapod.systems.hardware.cia402.emulator import Cia402Nodes
         from parapod.systems.hardware.cia402.makers import MAKERS
 
         if self.interface == "ethercat":  # has no emulator

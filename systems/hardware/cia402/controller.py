@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -11,11 +11,16 @@ from parapod.systems.hardware.canopen import (
     NMT_START,
     CanopenBus,
     Entry,
-    Pdo,
 )
 from parapod.systems.hardware.cia402 import objects
 from parapod.systems.hardware.cia402.makers import MAKERS, Pins, maker_of
-from parapod.systems.hardware.cia402.objects import Mode
+from parapod.systems.hardware.cia402.set_up import (
+    mode_of,
+    outputs_pdo,
+    process_data,
+    reports,
+    set_up_of,
+)
 from parapod.systems.hardware.cia402.settings import AxesSettings, Control
 from parapod.systems.hardware.clock import sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault
@@ -530,72 +535,6 @@ class Cia402Controller:
 
     def _error(self, words: str, fault: DeviceFault = DeviceFault.FAILED) -> DeviceError:
         return DeviceError(self._settings.name, f"{self.name} {words}", fault)
-
-
-def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[Entry, int]]:
-    """Entries that a drive must have before it may be enabled, in order.
-
-    Args:
-        settings: settings of the drives.
-        rated: rated current of its motor [mA].
-    """
-    maker, mode = MAKERS[settings.drive], mode_of(settings)
-    per_rpm = maker.per_rpm(settings.counts_per_turn)
-    fastest, per_unit = settings.rpm(settings.max_velocity), settings.rpm_per_unit * per_rpm
-    yield from maker.fixed
-    yield objects.MODE, mode.number
-    for entry in maker.speed_limits.get(settings.control, ()):
-        yield entry, round(fastest if entry == objects.MAX_MOTOR_VELOCITY else fastest * per_rpm)
-    if mode is objects.PROFILE_VELOCITY:
-        yield objects.PROFILE_TYPE, 0
-        yield objects.ACCELERATION, max(1, round(settings.acceleration * per_unit))
-        yield objects.DECELERATION, max(1, round(settings.acceleration * per_unit))
-    if settings.control is not Control.POSITION:
-        yield mode.setting, 0
-    elif mode.number == objects.CYCLIC_POSITION.number:
-        yield objects.PERIOD, settings.command_period_ms
-        yield objects.PERIOD_EXPONENT, -3
-    if settings.following_error is not None:
-        yield objects.MAX_FOLLOWING_ERROR, round(settings.counts(settings.following_error))
-    yield (
-        objects.QUICK_STOP_DECELERATION,
-        max(1, round(settings.quick_stop_deceleration * per_unit)),
-    )
-    if settings.current_limit is not None:
-        unit = 1000.0 / rated if maker.is_relative else 1.0
-        yield maker.current_limit, round(1e3 * settings.current_limit * unit)
-    yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
-
-
-def mode_of(settings: AxesSettings) -> Mode:
-    """Mode of operation of the drives.
-
-    Raises:
-        ValueError: they do not have the settings' mode.
-    """
-    return MAKERS[settings.drive].mode(settings.control, settings.mode)
-
-
-def outputs_pdo(settings: AxesSettings) -> Pdo:
-    """Process data of digital outputs, which are switched while the axes are braked as well."""
-    return objects.received(3, MAKERS[settings.drive].outputs.state)
-
-
-def process_data(settings: AxesSettings, node_id: int) -> tuple[Pdo, ...]:
-    """All process data of a node: what it obeys, and with what it answers SYNC."""
-    mode = mode_of(settings)
-    outputs = (outputs_pdo(settings),) if settings.outputs_of(node_id) else ()
-    return (mode.command, mode.target, *outputs, *reports(settings, node_id))
-
-
-def reports(settings: AxesSettings, node_id: int) -> tuple[Pdo, ...]:
-    """Process data with which a node answers SYNC: two bytes cost less in a frame than one."""
-    maker = MAKERS[settings.drive]
-    inputs = [maker.inputs.state] if settings.inputs_of(node_id) else []
-    current = [maker.current] if settings.measures_current else []
-    return objects.sent(
-        [objects.STATUSWORD, objects.POSITION, *inputs, objects.VELOCITY, *current]
-    )
 
 
 def stopping_time(settings: AxesSettings, timing: Timing) -> float:

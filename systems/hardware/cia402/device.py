@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 
 from parapod.systems.core.switching import switched
-from parapod.systems.hardware.canopen import MASTER_ID, CanopenBus, wrapped
+from parapod.systems.hardware.canopen import CanopenBus, wrapped
 from parapod.systems.hardware.cia402.controller import (
     POLL,
     STANDSTILL,
@@ -15,18 +15,16 @@ from parapod.systems.hardware.cia402.controller import (
     Condition,
     Sample,
     Timing,
-    mode_of,
     stopping_time,
 )
-from parapod.systems.hardware.cia402.makers import MAKERS
-from parapod.systems.hardware.cia402.settings import AxesSettings, Control
-from parapod.systems.hardware.cia402.switches import SwitchBoard, check_switches
+from parapod.systems.hardware.cia402.set_up import check
+from parapod.systems.hardware.cia402.settings import AxesSettings
+from parapod.systems.hardware.cia402.switches import SwitchBoard
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.ethercat import EthercatBus
 from parapod.systems.hardware.position_memory import IncrementalDevice
-from parapod.systems.hardware.soft_limits import check_order
 
 # Longest time until a drive leaves a quick stop of this program [s].
 _OBEYING = 0.05
@@ -123,7 +121,7 @@ class Cia402Device(IncrementalDevice):
         Raises:
             ValueError: settings that do not fit together.
         """
-        _check(settings, timing)
+        check(settings, timing.heartbeat_period)
         self._settings, self._timing, self._clock = settings, timing, clock
         self._is_synchronous, self._directions = is_synchronous, settings.directions
         self._switches = SwitchBoard(settings.switches)
@@ -591,53 +589,3 @@ def unwrapped(counts: int, previous: int | None) -> int:
     if previous is None:
         return counts
     return previous + wrapped(counts - previous)
-
-
-def _check(settings: AxesSettings, timing: Timing) -> None:
-    """Refuses settings that do not fit together."""
-    ids = (*settings.node_ids, MASTER_ID)
-    if len(set(ids)) != len(ids) or len(ids) < 2 or not all(1 <= i <= 127 for i in ids):
-        raise ValueError(f"node ids must be different ones of 1..127, not {ids}")
-    if settings.heartbeat_timeout < 2.0 * timing.heartbeat_period:
-        raise ValueError(
-            f"heartbeat_timeout must be two periods ({timing.heartbeat_period} s) or more, "
-            f"not {settings.heartbeat_timeout} s"
-        )
-    axes = len(settings.node_ids)
-    if len(settings.directions) != axes or set(settings.directions) - {1, -1}:
-        raise ValueError(f"signs must be {axes} times 1 or -1, not {settings.directions}")
-    start, limits = settings.position_at_start, settings.limits
-    strokes = None if settings.control is Control.VELOCITY else settings.strokes
-    if settings.stop_node is not None and settings.stop_node not in settings.node_ids:
-        raise ValueError(
-            f"stop_node must be one of the node_ids or null, not {settings.stop_node}"
-        )
-    if start is not None and len(start) != axes:
-        raise ValueError(f"position_at_start must be {axes} values, not {start}")
-    if strokes is not None:
-        check_order(*strokes)
-    for lower in (limits and limits.lower, strokes and strokes[0]):
-        if lower and len(lower) != axes:
-            raise ValueError(f"limits must be {axes}, not {len(lower)}")
-    mode, maker, home = mode_of(settings), MAKERS[settings.drive], settings.position_at_home
-    if settings.homing_method is not None and (home is None or len(home) != axes):
-        raise ValueError(
-            f"with homing_method position_at_home_mm must be {axes} values, not {home}"
-        )
-    if settings.homing_method is not None and settings.control is Control.FORCE:
-        raise ValueError("homing_method must be null where forces are commanded: nothing holds")
-    if settings.feedforward and mode.offset is None:
-        raise ValueError(f"feedforward must be 0 with mode {mode.number} of {maker.name}")
-    for each in settings.node_ids:
-        inputs, outputs = settings.inputs_of(each), settings.outputs_of(each)
-        for what, numbers, pins in (
-            ("input", inputs, maker.inputs),
-            ("output", outputs, maker.outputs),
-        ):
-            if numbers and max(numbers) > len(pins.bits):
-                raise ValueError(
-                    f"digital {what}s of {maker.name} are 1..{len(pins.bits)}, not {max(numbers)}"
-                )
-    node, number = settings.stop_node, settings.stop_input
-    inputs_taken = {} if node is None else {(node, number): "stop_input"}
-    check_switches(settings.switches, settings.node_ids, inputs_taken)

@@ -23,6 +23,7 @@ ABORT_CONNECTION = Entry(0x6007, 0, "<h")  # reaction to a lost heartbeat
 CONTROLWORD = Entry(0x6040, 0, "<H")
 STATUSWORD = Entry(0x6041, 0, "<H")
 QUICK_STOP_OPTION = Entry(0x605A, 0, "<h")
+DISABLE_OPTION = Entry(0x605C, 0, "<h")  # reaction to operation that is disabled
 MODE = Entry(0x6060, 0, "<b")
 POSITION = Entry(0x6064, 0, "<i")  # [counts]
 MAX_FOLLOWING_ERROR = Entry(0x6065, 0, "<I")  # [counts]; a larger one is a fault
@@ -52,6 +53,7 @@ OUTPUTS = Entry(0x60FE, 1, "<I")
 TARGET_VELOCITY = Entry(0x60FF, 0, "<i")
 
 ABORT_BY_QUICK_STOP = 3
+DISABLE_FREELY = 0  # at once, and not on a ramp: a brake closes then
 # On the ramp of a quick stop, and then it holds.
 QUICK_STOP_AND_HOLD = 6
 COUNTS_UNIT, RPM_UNIT = 0x00B5_0000, 0x00B4_4700  # CiA 303-2: increments; turns per minute

@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import Timing, mode_of
+from parapod.systems.hardware.cia402.controller import Timing
 from parapod.systems.hardware.cia402.device import LONGEST, Cia402Device
+from parapod.systems.hardware.cia402.set_up import mode_of
 from parapod.systems.hardware.cia402.settings import AxesSettings
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.ds402 import Controlword

@@ -7,7 +7,8 @@ import time
 import pytest
 
 from parapod.systems.hardware.cia402.controller import Timing
-from parapod.systems.hardware.cia402.emulator import Cia402Nodes, EmulatedMotor
+from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
+from parapod.systems.hardware.cia402.emulator import Cia402Nodes
 from parapod.systems.hardware.cia402.forces import Cia402Forces
 from parapod.systems.hardware.cia402.makers import MAKERS
 from parapod.systems.hardware.cia402.positions import Cia402Positions

@@ -9,7 +9,7 @@ import pytest
 from parapod.systems.hardware.canopen import Entry
 from parapod.systems.hardware.cia402 import objects
 from parapod.systems.hardware.cia402.controller import Timing
-from parapod.systems.hardware.cia402.emulator import Cia402Node, EmulatedMotor, MeasuredMotor
+from parapod.systems.hardware.cia402.emulated_drive import Cia402Node, EmulatedMotor, MeasuredMotor
 from parapod.systems.hardware.cia402.makers import MAKERS
 from parapod.systems.hardware.cia402.positions import Cia402Positions
 from parapod.systems.hardware.cia402.settings import GearSettings, PositionTurnSettings

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
 from parapod.systems.hardware.cia402.makers import EPOS2, MAKERS
 from parapod.systems.hardware.cia402.settings import Control, PositionScrewSettings
 from parapod.systems.hardware.cia402.switches import switches_of_limbs

@@ -5,9 +5,9 @@ import pytest
 
 from parapod.systems.hardware.canopen import Entry, mapping_of
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import process_data, set_up_of
 from parapod.systems.hardware.cia402.device import unwrapped
-from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
+from parapod.systems.hardware.cia402.set_up import process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import GearSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState

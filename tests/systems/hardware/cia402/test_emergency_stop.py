@@ -6,9 +6,9 @@ import time
 import pytest
 
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import reports
 from parapod.systems.hardware.cia402.device import together
 from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.set_up import reports
 from parapod.systems.hardware.cia402.settings import GearSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState

@@ -8,11 +8,11 @@ import time
 import pytest
 
 from parapod.systems.hardware.canopen import Entry, mapping_of
-from parapod.systems.hardware.cia402 import emulator, objects
-from parapod.systems.hardware.cia402.controller import process_data, set_up_of
-from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402 import emulated_drive, objects
+from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
 from parapod.systems.hardware.cia402.forces import ForceLimits
 from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.set_up import process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import Control, ForceSlideSettings, TorqueSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState
@@ -265,7 +265,7 @@ def test_activation_gives_no_power_before_a_command_with_its_force(axes):
 
 
 def test_a_drive_that_gives_no_power_when_it_is_told_to_is_an_error(axes, monkeypatch):
-    monkeypatch.setattr(emulator, "obeyed", lambda state, *_: state)
+    monkeypatch.setattr(emulated_drive, "obeyed", lambda state, *_: state)
     axes.cycle(100.0, 50.0)
     axes.cycle(100.0, 50.0)  # it may take a moment
     axes.clock.now += 0.06

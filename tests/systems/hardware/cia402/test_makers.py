@@ -8,10 +8,10 @@ import pytest
 from parapod.systems.core.schema import fields_of
 from parapod.systems.hardware.canopen import PDO_COUNT, Entry, mapping_of
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import mode_of, process_data, set_up_of
-from parapod.systems.hardware.cia402.emulator import RATED, EmulatedMotor
+from parapod.systems.hardware.cia402.emulated_drive import RATED, EmulatedMotor
 from parapod.systems.hardware.cia402.makers import EPOS2, MAKERS, maker_of
 from parapod.systems.hardware.cia402.positions import Cia402Positions
+from parapod.systems.hardware.cia402.set_up import mode_of, process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import (
     AxesSettings,
     Control,
@@ -162,6 +162,12 @@ def test_the_period_of_commands_is_told_to_cyclic_positions():
     assert (values[objects.PERIOD], values[objects.PERIOD_EXPONENT]) == (4, -3)
     assert objects.PERIOD not in dict(set_up_of(PositionTurnSettings()))
     assert values[objects.TORQUE_OFFSET] == 0  # of another program
+
+
+def test_a_torque_ends_at_once_and_not_on_a_ramp():
+    for name in OTHERS:
+        assert dict(set_up_of(TorqueSettings(drive=name)))[objects.DISABLE_OPTION] == 0
+        assert objects.DISABLE_OPTION not in dict(set_up_of(GearSettings(drive=name)))
 
 
 # --- identity

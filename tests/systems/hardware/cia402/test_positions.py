@@ -9,9 +9,10 @@ import pytest
 
 from parapod.systems.hardware.canopen import Entry, mapping_of, wrapped
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import Cia402Controller, process_data, set_up_of
-from parapod.systems.hardware.cia402.emulator import Cia402Node, EmulatedMotor, MeasuredMotor
+from parapod.systems.hardware.cia402.controller import Cia402Controller
+from parapod.systems.hardware.cia402.emulated_drive import Cia402Node, EmulatedMotor, MeasuredMotor
 from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.set_up import process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import Control, PositionScrewSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import Controlword, DriveState

@@ -12,9 +12,9 @@ import pytest
 
 from parapod.systems.hardware.canopen import HEARTBEAT_BASE, SYNC_ID, Entry, mapping_of
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import process_data, reports, set_up_of
-from parapod.systems.hardware.cia402.emulator import EmulatedMotor
+from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
 from parapod.systems.hardware.cia402.makers import EPOS2
+from parapod.systems.hardware.cia402.set_up import process_data, reports, set_up_of
 from parapod.systems.hardware.cia402.settings import ScrewSettings
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ds402 import DriveState

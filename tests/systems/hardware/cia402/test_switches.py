@@ -7,15 +7,10 @@ import threading
 import pytest
 
 from parapod.systems.hardware.canopen import NOT_VALID, Entry, mapping_of
-from parapod.systems.hardware.cia402.controller import (
-    Cia402Controller,
-    outputs_pdo,
-    process_data,
-    reports,
-    set_up_of,
-)
+from parapod.systems.hardware.cia402.controller import Cia402Controller
 from parapod.systems.hardware.cia402.makers import EPOS2
 from parapod.systems.hardware.cia402.positions import Cia402Positions
+from parapod.systems.hardware.cia402.set_up import outputs_pdo, process_data, reports, set_up_of
 from parapod.systems.hardware.cia402.settings import AxesSettings, PositionScrewSettings
 from parapod.systems.hardware.cia402.switches import (
     Switch,
