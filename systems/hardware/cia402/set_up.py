@@ -118,8 +118,6 @@ def check(settings: AxesSettings, heartbeat_period: float) -> None:
         raise ValueError(
             f"with homing_method position_at_home_mm must be {axes} values, not {home}"
         )
-    if settings.homing_method is not None and settings.control is Control.FORCE:
-        raise ValueError("homing_method must be null where forces are commanded: nothing holds")
     if settings.feedforward and mode.offset is None:
         raise ValueError(f"feedforward must be 0 with mode {mode.number} of {maker.name}")
     for each in settings.node_ids:

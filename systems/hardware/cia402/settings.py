@@ -405,11 +405,6 @@ class Screw(AxesSettings):
             machine's.
         position_at_start_mm: measured lengths at the start of the program [mm]; null: not
             measured, so the file must know them.
-        homing_method: number of a method by which the drives find their home themselves
-            (0x6098) when `parapod home` asks for it; null: it has them look for their ends.
-        homing_speed_rpm: velocity of a motor on its way to that home [rpm]; a tenth of it back to
-            the switch's edge.
-        position_at_home_mm: lengths at that home [mm], one for each axis.
         position_file: file that keeps the lengths from one program to the next, in the folder in
             which the program is started if it has no other; while there is none, a program
             begins with `position_at_start_mm`.
@@ -422,21 +417,26 @@ class Screw(AxesSettings):
     position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     # No default: a guess would be believed, and the limits would be where they are not.
     position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
-    homing_method: int | None = quantity(None, -128, 127)
-    homing_speed_rpm: float = quantity(100.0, 1.0, 10_000.0)
-    position_at_home_mm: list[float] | None = quantity(None, -20_000.0, 20_000.0)
     position_file: str = "emulator/positions.json"
 
 
 @dataclass
-class Ramp(AxesSettings):
-    """Screws that stop on a ramp.
+class Ramp(Screw):
+    """Screws that stop on a ramp, and may find their home on it.
 
     Attributes:
+        homing_method: number of a method by which the drives find their home themselves
+            (0x6098) when `parapod home` asks for it; null: it has them look for their ends.
+        homing_speed_rpm: velocity of a motor on its way to that home [rpm]; a tenth of it back to
+            the switch's edge.
+        position_at_home_mm: lengths at that home [mm], one for each axis.
         quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
             [mm/s^2].
     """
 
+    homing_method: int | None = quantity(None, -128, 127)
+    homing_speed_rpm: float = quantity(100.0, 1.0, 10_000.0)
+    position_at_home_mm: list[float] | None = quantity(None, -20_000.0, 20_000.0)
     quick_stop_mm_s2: float = quantity(8000.0, 1.0, 1e6)
 
 
@@ -510,7 +510,7 @@ class PositionTurnSettings(Gear, Angles, Places):
 
 
 @dataclass
-class ScrewSettings(Screw, Ramp, Load):
+class ScrewSettings(Ramp, Load):
     """Screws whose velocities are commanded, within limits.
 
     Attributes:
@@ -525,7 +525,7 @@ class ScrewSettings(Screw, Ramp, Load):
 
 
 @dataclass
-class PositionScrewSettings(Screw, Ramp, Load, Switches, Places):
+class PositionScrewSettings(Ramp, Load, Switches, Places):
     """Screws whose positions are commanded, and locks and clamps.
 
     Attributes:
