@@ -1,9 +1,8 @@
 """Makers of CiA 402 drives: what each has of its own, a table each.
 
-Sources: see the tables. Nothing but the EPOS2's table was ever used with a real drive's manual at
-hand and a machine in mind; entries marked (?) are in no published object dictionary that was
-found, and no table was verified on a drive. A drive that lacks an object refuses it while it is
-set up, without power, and the error names the object.
+Sources stand above each table. No table was verified on a drive. Entries marked (?) are in no
+published object dictionary that was read. A drive that lacks an object refuses it while it is set
+up, without power, and the error names the object.
 """
 
 from collections.abc import Mapping
