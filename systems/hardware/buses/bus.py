@@ -186,7 +186,7 @@ class Bus(ABC):
 
     @property
     def stop(self) -> str:
-        """Why others on the bus have all parts stopped; "" while they do not."""
+        """Reason for which others on the bus have all parts stopped; "" while they do not."""
         return ""
 
     @abstractmethod

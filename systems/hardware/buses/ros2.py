@@ -113,16 +113,16 @@ class Ros2Bus(Bus):
 
     def _managed(self, lifecycle: Any) -> type[Any]:
         """The class of the node: its transitions are this bus's."""
-        bus, done = self, lifecycle.TransitionCallbackReturn.SUCCESS
+        bus, success = self, lifecycle.TransitionCallbackReturn.SUCCESS
 
         class Managed(lifecycle.LifecycleNode):
             def on_activate(self, state: Any) -> Any:
                 bus._is_active = True
-                return done
+                return success
 
             def on_deactivate(self, state: Any) -> Any:
                 bus._is_active = False
-                return done
+                return success
 
         return Managed
 
@@ -184,12 +184,13 @@ class Ros2Bus(Bus):
         beside = channel.rpartition("/")[0]
         views: list[tuple[str, Mapping[str, str], Any, Any]] = []
         for kind, signals in standard(layout).items():
-            made = self._type(kind)()
-            made.header.frame_id = layout.part
+            message_type = self._type(kind)
+            standard_message = message_type()
+            standard_message.header.frame_id = layout.part
             publisher = self._node.create_publisher(
-                type(made), f"{beside}/{TOPICS[kind]}", need("rclpy.qos").QoSProfile(depth=10)
+                message_type, f"{beside}/{TOPICS[kind]}", need("rclpy.qos").QoSProfile(depth=10)
             )
-            views.append((kind, signals, publisher, made))
+            views.append((kind, signals, publisher, standard_message))
         if views:
             self._views[channel] = layout, views
 
@@ -197,10 +198,10 @@ class Ros2Bus(Bus):
         layout, views = self._views[channel]
         with suppress(WrongMessage):  # a value that is not finite is in the array alone
             values = layout.unpack(message)
-            for kind, signals, publisher, made in views:
-                fill(made, kind, layout.part, signals, values)
-                made.header.stamp = self._time(message.stamp)
-                publisher.publish(made)
+            for kind, signals, publisher, standard_message in views:
+                fill(standard_message, kind, layout.part, signals, values)
+                standard_message.header.stamp = self._time(message.stamp)
+                publisher.publish(standard_message)
 
     def _time(self, time: float) -> Any:
         nanoseconds = round(1e9 * max(time, 0.0))
@@ -222,13 +223,15 @@ class Ros2Bus(Bus):
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
         """Publishes what late subscribers get as well, where it has changed."""
-        made = self._type(kind)
+        message_type = self._type(kind)
         if topic not in self._latches:
-            publisher = self._node.create_publisher(made, f"{self._root}/{topic}", self._latched)
+            publisher = self._node.create_publisher(
+                message_type, f"{self._root}/{topic}", self._latched
+            )
             self._latches[topic] = publisher, None
         publisher, last = self._latches[topic]
         if data != last:
-            publisher.publish(made(data=data))
+            publisher.publish(message_type(data=data))
             self._latches[topic] = publisher, data
 
     def place(self, poses: Poses, time: float) -> None:
@@ -273,14 +276,14 @@ class Ros2Bus(Bus):
         """Takes the type that is published, and names those that cannot be taken."""
         for channel, inboxes in list(self._inboxes.items()):
             for info in self._node.get_publishers_info_by_topic(channel):
-                kind, taken = info.topic_type, self._taken.get(channel)
-                if kind == taken:
+                kind, present = info.topic_type, self._taken.get(channel)
+                if kind == present:
                     continue
                 possible = {ARRAY}.union(*(standard(inbox.layout) for inbox in inboxes))
-                if kind in possible and taken is None:
+                if kind in possible and present is None:
                     self._take_type(channel, kind)
                     continue
-                types = taken or ", ".join(sorted(possible))
+                types = present or ", ".join(sorted(possible))
                 for inbox in inboxes:
                     words = f"/{info.node_name} publishes {kind}, not {types}"
                     inbox.refuse(words, monotonic())

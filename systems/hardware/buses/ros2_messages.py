@@ -123,17 +123,17 @@ def values_of(kind: str, message: Any, layout: Layout) -> Message:
     return Message(names, values, time)
 
 
-def _field(kind: str, message: Any, field: str, wanted: Sequence[str]) -> list[float]:
+def _field(kind: str, message: Any, field: str, joints: Sequence[str]) -> list[float]:
     content = getattr(message, field)
     if kind != JOINTS:
         return [getattr(content, axis) for axis in _AXES]
     own = list(message.name)
     if len(own) != len(content):
         raise WrongMessage(f"has {len(own)} names of joints for {len(content)} of {field}")
-    if set(wanted) <= set(own):
-        return [content[own.index(name)] for name in wanted]
-    if len(own) != len(wanted):
-        raise WrongMessage(f"has the joints {', '.join(own)}, not {', '.join(wanted)}")
+    if set(joints) <= set(own):
+        return [content[own.index(name)] for name in joints]
+    if len(own) != len(joints):
+        raise WrongMessage(f"has the joints {', '.join(own)}, not {', '.join(joints)}")
     return list(content)
 
 

@@ -145,8 +145,8 @@ def _cyclone_types() -> dict[str, Any]:
         {"header": header, "child_frame_id": str, "transform": transform},
     )
     message = make("tf2_msgs", "TFMessage", {"transforms": types.sequence[stamped]})
-    made = (time, header, vector, turn, transform, stamped, message)
-    return {kind.__name__: kind for kind in made}
+    kinds = (time, header, vector, turn, transform, stamped, message)
+    return {kind.__name__: kind for kind in kinds}
 
 
 def _struct(package: str, name: str, fields: Mapping[str, Any]) -> Any:
@@ -154,4 +154,4 @@ def _struct(package: str, name: str, fields: Mapping[str, Any]) -> Any:
     root = need("cyclonedds.idl").IdlStruct
     contents = {"__annotations__": dict(fields), "__module__": __name__}
     kind = {"typename": f"{package}::msg::dds_::{name}_"}
-    return dataclass(new_class(name, (root,), kind, lambda made: made.update(contents)))
+    return dataclass(new_class(name, (root,), kind, lambda space: space.update(contents)))

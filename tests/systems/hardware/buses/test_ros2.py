@@ -187,8 +187,9 @@ def test_joint_states_of_another_node_are_taken_and_other_types_are_named(graph,
     third = connect(graph, "third")
     third.subscribe(sensor)
     try:
-        until(lambda: sensor.problem(time.monotonic()).fault is DeviceFault.CORRUPT, 60.0)
-        words = sensor.problem(time.monotonic()).words
+        until(lambda: "/one" in sensor.problem(time.monotonic()).words, 60.0)
+        fault, words = sensor.problem(time.monotonic())
+        assert fault is DeviceFault.CORRUPT
         assert f"/one publishes {JOINTS}, not {IMU}, {FIELD}, {ARRAY}" in words
     finally:
         third.close()
