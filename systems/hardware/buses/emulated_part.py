@@ -87,7 +87,7 @@ class EmulatedBusPart:
             start += size
         commanded = {n: self._harness.get(f"{self.part}.{n}") for n in self._commands}
         if self._misbehaviour.is_garbled and self._bus is not None:
-            names = [f"{name}?" for name in self._measured.names]
+            names = [f"?{name}" for name in self._measured.names]
             self._bus.publish(served.status, Message(names, values, now))
         else:
             served.publish(measured | commanded, now)
