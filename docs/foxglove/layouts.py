@@ -3,6 +3,7 @@
 python docs/foxglove/layouts.py
 """
 
+import importlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,16 +14,15 @@ from parapod.diagrams.plots import parse
 from parapod.sims.output.drawn_bodies import WORLD
 from parapod.sims.output.logs.part_messages import part_messages
 from parapod.sims.output.logs.scene_messages import SCENE
-from parapod.systems.core.extras import need
 
 
 def as_layout(machine: Machine[Any]) -> str:
     """The layout of a machine's logs, as the text of a file that Foxglove imports.
 
     Raises:
-        MissingExtra: Foxglove's package is not installed.
+        ImportError: foxglove-sdk is not installed.
     """
-    fl = need("foxglove.layouts")
+    fl: Any = importlib.import_module("foxglove.layouts")
     plots = [
         fl.PlotPanel(
             config=fl.PlotConfig(

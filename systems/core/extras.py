@@ -13,7 +13,6 @@ EXTRAS = {
     "canopen": "can",
     "cyclonedds": "ros2",
     "distributed": "cluster",
-    "foxglove": "docs",
     "geometry_msgs": "ros2",
     "grpc": "ni",
     "iio": "iio",

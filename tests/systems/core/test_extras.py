@@ -11,13 +11,21 @@ from parapod.systems.core.extras import EXTRAS, need
 
 NO_DEVICES = {
     "av",
+    "builtin_interfaces",
+    "cyclonedds",
     "distributed",
+    "geometry_msgs",
+    "lifecycle_msgs",
     "mujoco",
     "nidaqmx._stubs",
     "plotly",
     "pyarrow",
     "pygraphviz",
     "pymoo",
+    "rclpy",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
 }
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 
