@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.buses.address import Address
+from parapod.systems.hardware.buses.address import ROS2, Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox, Poses
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.buses.ros2_messages import (
@@ -75,7 +75,7 @@ class Ros2Bus(Bus):
             os.environ[_REACH] = _SUBNET
         else:
             os.environ.setdefault(_REACH, _HERE)
-        self.name = f"ROS 2 domain {domain or os.environ.get('ROS_DOMAIN_ID', '0')}"
+        self.name = f"ROS 2 {ROS2}://{domain or os.environ.get('ROS_DOMAIN_ID', '0')}"
         self._context = need("rclpy.context").Context()
         try:
             rclpy.init(
