@@ -79,17 +79,17 @@ class BusPart(Device):
             DeviceError: none comes; tells which channels there are.
         """
         self.close()
+        begin = monotonic()
         self._bus = connect(self._address, f"parapod_{self._part}")
         self._inbox = Inbox(self._status, self._measured, self._rate, self._timeout)
         if self.measures:
             self._bus.subscribe(self._inbox)
-            self._await()
+            self._await(begin + self._patience)
         self.neutral()
 
-    def _await(self) -> None:
+    def _await(self, end: float) -> None:
         assert self._bus is not None
         assert self._inbox is not None
-        end = monotonic() + self._patience
         while self._inbox.newest is None:
             if monotonic() > end:
                 bus, inbox = self._bus, self._inbox
