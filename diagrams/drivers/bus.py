@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from zlib import crc32
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated
@@ -27,16 +27,13 @@ class _BusPart(Driver):
         part: part of the machine.
         rate_Hz: messages of its status a second, at most [Hz].
         timeout_ms: age from which its newest message is too old [ms].
+        key: key that has the address.
     """
 
+    key: ClassVar[str]
     part: str = "legs"
     rate_Hz: float = quantity(200.0, 1.0, 2000.0)  # noqa: N815 (the unit's symbol)
     timeout_ms: float = quantity(100.0, 1.0, 10_000.0)
-
-    @property
-    def _key(self) -> str:
-        """Key that has the address."""
-        raise NotImplementedError
 
     @property
     def _address(self) -> Address:
@@ -67,7 +64,7 @@ class _BusPart(Driver):
         """See `Driver`: the part as it serves itself."""
         from parapod.systems.hardware.buses.emulated_part import EmulatedBusPart
 
-        emulated(getattr(self, self._key), f"!{type(self).__name__}.{self._key}")
+        emulated(getattr(self, self.key), f"!{type(self).__name__}.{self.key}")
         return EmulatedBusPart(
             *(self.part, self._address, harness, misbehaviour), rate=self.rate_Hz
         )
@@ -83,12 +80,9 @@ class LcmPart(_BusPart):
         channel_suffix: end of the channels' names, of one machine of several.
     """
 
+    key: ClassVar[str] = "lcm_url"
     lcm_url: str = "emulator/lcm"
     channel_suffix: str = ""
-
-    @property
-    def _key(self) -> str:
-        return "lcm_url"
 
     @property
     def _address(self) -> Address:
@@ -116,16 +110,11 @@ class Ros2Part(_BusPart):
         ros2_graph: domain and namespace, such as ros2://42#left; ros2:// has the domain of the
             environment and no namespace, and ros2://42?range=subnet finds other computers.
         status_topic: topic of the part's status, such as /joint_states; empty: /PART/status.
-        command_topic: topic of its commands; empty: /PART/command.
     """
 
+    key: ClassVar[str] = "ros2_graph"
     ros2_graph: str = "emulator/ros2"
     status_topic: str = ""
-    command_topic: str = ""
-
-    @property
-    def _key(self) -> str:
-        return "ros2_graph"
 
     @property
     def _address(self) -> Address:
@@ -135,7 +124,7 @@ class Ros2Part(_BusPart):
             domain, space = _FIRST_DOMAIN + number % _DOMAINS, f"emulator_{number:08x}"
             return Address(ROS2, str(domain), space)
         address = address_of(self.ros2_graph, f"!{type(self).__name__}.ros2_graph")
-        return address._replace(topics=(self.status_topic, self.command_topic))
+        return address._replace(status=self.status_topic)
 
     @property
     def _place(self) -> str:

@@ -17,7 +17,7 @@ from parapod.sims.output.drawn_bodies import frames, robot_description
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import logged, punctuality_of, run_on_hardware
 from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, undisturbed
-from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.errors import MissingExtra, ScenarioError
 from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
 from parapod.systems.hardware.signals import ended_by_signals
@@ -158,7 +158,11 @@ class _Scene:
         first = {name: np.array(take()) for name, take in usual.readings(context).items()}
         self._twin.show({name: first[name] for name in self._ports if name in first}, 0.0)
         frames(self._twin)
-        bus.describe(robot_description(self._twin, machine.name))
+        try:
+            bus.describe(robot_description(self._twin, machine.name))
+        except MissingExtra as error:
+            self._twin = None
+            say(f"  is not drawn: {error}")
 
     def show(self, root: Context) -> None:
         """Shows the machine as its signals are, some times a second."""

@@ -16,7 +16,6 @@ EXTRAS = {
     "geometry_msgs": "ros2",
     "grpc": "ni",
     "iio": "iio",
-    "lifecycle_msgs": "ros2",
     "mcap": "log",
     "mujoco": "mujoco",
     "nidaqmx": "ni",

@@ -63,7 +63,7 @@ class EthercatBus:
             options: `channel`, the name of the interface.
 
         Raises:
-            DeviceError: there is no such interface, or it may not be used; or there are too few
+            DeviceError: the interface is missing, or may not be used; or it has too few
                 slaves.
         """
         self._master = self._soem.Master()

@@ -201,6 +201,17 @@ def limbs(count, **row):
 
 IMU = {"gyro": 3, "accel": 3, "mag": 3}
 TURNING = ("gyro", (0.1, -0.2, 0.3), 1e-3)
+ON_A_BUS = Row(
+    library="",
+    real={"lcm_url": "udpm://239.255.76.67:7667?ttl=0"},
+    measures={"position": 2, "velocity": 2},
+    commands={"velocity_command": 2, "brake": 1},
+    truth=("position", (0.7, -0.3), 1e-9),
+    order={"velocity_command": (0.02, 0.01), "brake": (0.0,)},
+    rest={"velocity_command": (0.0, 0.0), "brake": (1.0,)},
+    faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
+    timeout=0.1,
+)
 ROWS = {
     "NiDaqLegs": Row(
         **CARD,
@@ -359,28 +370,8 @@ ROWS = {
         faults={"off": {SILENT}, "unplugged": {UNPLUGGED}},
         timeout=0.5,
     ),
-    "LcmPart": Row(
-        library="",
-        real={"lcm_url": "udpm://239.255.76.67:7667?ttl=0"},
-        measures={"position": 2, "velocity": 2},
-        commands={"velocity_command": 2, "brake": 1},
-        truth=("position", (0.7, -0.3), 1e-9),
-        order={"velocity_command": (0.02, 0.01), "brake": (0.0,)},
-        rest={"velocity_command": (0.0, 0.0), "brake": (1.0,)},
-        faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
-        timeout=0.1,
-    ),
-    "Ros2Part": Row(
-        library="rclpy",
-        real={"ros2_graph": "ros2://77"},
-        measures={"position": 2, "velocity": 2},
-        commands={"velocity_command": 2, "brake": 1},
-        truth=("position", (0.7, -0.3), 1e-9),
-        order={"velocity_command": (0.02, 0.01), "brake": (0.0,)},
-        rest={"velocity_command": (0.0, 0.0), "brake": (1.0,)},
-        faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
-        timeout=0.1,
-    ),
+    "LcmPart": ON_A_BUS,
+    "Ros2Part": replace(ON_A_BUS, library="rclpy", real={"ros2_graph": "ros2://77"}),
     "NotFittedPart": Row(library="", measures={"angle": 1}, commands={"position_command": 1}),
 }
 # Drives of other makers.

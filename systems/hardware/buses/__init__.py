@@ -1,1 +1,1 @@
-"""Buses that other programs speak: LCM, with the table of ports as its messages."""
+"""Buses that other programs speak, LCM and ROS 2, with the table of ports as their messages."""

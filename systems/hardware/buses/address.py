@@ -25,13 +25,13 @@ class Address(NamedTuple):
         kind: one of `KINDS`.
         place: address of the bus, such as LCM's URL, or ROS 2's domain; "": the usual one.
         suffix: end of LCM's channels, or namespace of ROS 2's topics, of one machine of several.
-        topics: names of a part's status and commands in place of the usual ones; "": these.
+        status: topic of a part's status in place of the usual one; "": that.
     """
 
     kind: str
     place: str = ""
     suffix: str = ""
-    topics: tuple[str, str] = ("", "")
+    status: str = ""
 
     def channels_of(self, part: str) -> Channels:
         """Names of a part's channels.
@@ -42,11 +42,8 @@ class Address(NamedTuple):
         if self.kind == LCM:
             name = part.upper()
             return Channels(f"{name}_STATUS{self.suffix}", f"{name}_COMMAND{self.suffix}")
-        name, (status, command) = (
-            f"/{self.suffix}/{part}" if self.suffix else f"/{part}",
-            self.topics,
-        )
-        return Channels(status or f"{name}/status", command or f"{name}/command")
+        name = f"/{self.suffix}/{part}" if self.suffix else f"/{part}"
+        return Channels(self.status or f"{name}/status", f"{name}/command")
 
 
 def is_address(text: str) -> bool:

@@ -19,6 +19,6 @@ def connect(address: Address, name: str = "parapod") -> Bus:
         from parapod.systems.hardware.buses.lcm import LcmBus
 
         return LcmBus(address)
-    from parapod.systems.hardware.buses.ros2 import Ros2Bus
+    from parapod.systems.hardware.buses.ros2.bus import Ros2Bus
 
     return Ros2Bus(address, name)

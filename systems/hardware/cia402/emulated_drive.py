@@ -142,7 +142,7 @@ class Cia402Node:
     def force(self) -> float:
         """Force or torque of the axis [N or N m]; 0 unless it runs in a mode for that.
 
-        There is no limit of its velocity (assumption: the drive's own may not help).
+        Its velocity is not limited (assumption: the drive's own limit may not help).
         """
         is_pushing = self._runs(Control.FORCE)
         return self._motor.force_per_current * self._current if is_pushing else 0.0

@@ -24,7 +24,7 @@ class Pins:
         state: entry that shows the inputs, or switches the outputs; it can be mapped.
         bits: bit of each in that.
         function: entries that say what each is for; its general purpose is the number of its
-            bit. Empty: there is no such choice.
+            bit. Empty: it cannot be chosen.
         ones: words in which the bit of one must be 1 for us to use it.
         zeros: words in which it must be 0: polarity, and what the drive itself does.
         word_bits: bit of each in these words; empty: as in the state.
@@ -139,7 +139,7 @@ EPOS2 = Maker(
         # The maker's own, without a profile: the driver moves the set value no faster than the
         # axis may go.
         Control.POSITION: (objects.place_mode(-1, Entry(0x2062, 0, "<i")),),
-        # The maker's own as well: there is no loop but that of the current [mA].
+        # The maker's own as well: the current [mA] is the only loop.
         Control.FORCE: (objects.rate_mode(-3, Entry(0x2030, 0, "<h")),),
     },
     resolution=(Entry(0x2210, 1, "<I"), 4),  # pulses, of which an edge detector makes four counts
@@ -250,7 +250,7 @@ EPOS4 = Maker(
 # for torques and currents (0x6071, 0x2031, 0x203B), and of PD6-C for 0x60A9 and its default. (?)
 # Units of positions (0x60A8), abort connection (0x6007), the consumer of heartbeats (0x1016) and a
 # quick stop that holds are not in that EDS file: a firmware without them is refused, since nothing
-# would stop its motor when the bus breaks. There is no limit of its velocity but the driver's.
+# would stop its motor when the bus breaks. Only the driver limits its velocity.
 NANOTEC = Maker(
     name="Nanotec",
     vendor=0x26C,

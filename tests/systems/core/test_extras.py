@@ -15,7 +15,6 @@ NO_DEVICES = {
     "cyclonedds",
     "distributed",
     "geometry_msgs",
-    "lifecycle_msgs",
     "mujoco",
     "nidaqmx._stubs",
     "plotly",

@@ -16,7 +16,7 @@ from parapod.systems.hardware.buses.address import ROS2, Address, address_of
 from parapod.systems.hardware.buses.bus import Inbox
 from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
-from parapod.systems.hardware.buses.ros2_messages import (
+from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
     FIELD,
     IMU,
@@ -26,7 +26,7 @@ from parapod.systems.hardware.buses.ros2_messages import (
     standard,
     values_of,
 )
-from parapod.systems.hardware.device import DeviceFault
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 from tests.systems.hardware.buses.conftest import until
 
 LEGS = Layout(
@@ -122,7 +122,7 @@ def test_topics_have_the_namespace():
         "/left/legs/status",
         "/left/legs/command",
     )
-    renamed = Address(ROS2, topics=("/joint_states", ""))
+    renamed = Address(ROS2, status="/joint_states")
     assert renamed.channels_of("legs") == ("/joint_states", "/legs/command")
 
 
@@ -195,6 +195,48 @@ def test_joint_states_of_another_node_are_taken_and_other_types_are_named(graph,
         third.close()
 
 
+def test_two_senders_of_commands_are_named(graph, buses):
+    one, other = buses
+    commands = Layout({"voltage": 1}, {}, "legs")
+    channel = graph.channels_of("legs").command
+    third = connect(graph, "third")
+    inbox = Inbox(channel, commands, math.inf, 60.0)
+    third.subscribe(inbox)
+
+    def told():
+        for bus in (one, other):  # as programs that tell no time
+            bus.publish(channel, Message(commands.names, (1.0,), 0.0))
+        time.sleep(5e-3)
+        problem = inbox.problem(time.monotonic())
+        return problem is not None and all(f"/{n}" in problem.words for n in ("one", "other"))
+
+    try:
+        until(told, 60.0)
+        fault, words = inbox.problem(time.monotonic())
+        assert fault is DeviceFault.CORRUPT
+        assert "two senders" in words
+    finally:
+        third.close()
+
+
+def test_one_that_asks_for_other_computers_does_not_take_the_next_one_along(graph, monkeypatch):
+    from parapod.systems.hardware.buses.ros2 import bus as module
+
+    reaches = []
+    monkeypatch.setattr(module, "_GIVEN", "LOCALHOST")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+    def begin(**_):
+        reaches.append(os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"])
+        raise RuntimeError("not here")
+
+    monkeypatch.setattr("rclpy.init", begin)
+    for place in (f"{graph.place}?range=subnet", graph.place):
+        with pytest.raises(DeviceError):  # what ROS 2 is told is enough
+            connect(graph._replace(place=place))
+    assert reaches == ["SUBNET", "LOCALHOST"]
+
+
 def test_a_stop_reaches_nodes_that_come_later(graph, buses):
     from std_msgs.msg import Bool
 
@@ -227,7 +269,7 @@ import sys, time
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
-from parapod.systems.hardware.buses.ros2_transforms import _HERE, _cyclone_types
+from parapod.systems.hardware.buses.ros2.transforms import _HERE, _cyclone_types
 number = int(sys.argv[1])
 domain = Domain(number, _HERE)
 participant = DomainParticipant(number)

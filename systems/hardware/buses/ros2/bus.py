@@ -5,13 +5,14 @@ import threading
 from array import array
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.buses.address import ROS2, Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox, Poses
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
-from parapod.systems.hardware.buses.ros2_messages import (
+from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
     TOPICS,
     fill,
@@ -19,12 +20,13 @@ from parapod.systems.hardware.buses.ros2_messages import (
     standard,
     values_of,
 )
-from parapod.systems.hardware.buses.ros2_transforms import TransformWriter
+from parapod.systems.hardware.buses.ros2.transforms import TransformWriter
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
-# How far ROS 2 looks for other nodes, and the key of the environment that says so.
+# Key of the environment that says how far ROS 2 looks for other nodes, and what the user's said.
 _REACH, _HERE, _SUBNET = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST", "SUBNET"
+_GIVEN = os.environ.get(_REACH, _HERE)
 # Period of looks at who publishes what [s].
 _LOOK = 0.05
 # Topics that every node has.
@@ -71,10 +73,9 @@ class Ros2Bus(Bus):
         domain, _, reach = address.place.partition("?")
         self.address = address
         self._root = f"/{address.suffix}" if address.suffix else ""
-        if reach:
-            os.environ[_REACH] = _SUBNET
-        else:
-            os.environ.setdefault(_REACH, _HERE)
+        # ROS 2 looks at it when a context begins; what another bus asked for does not count.
+        os.environ[_REACH] = _SUBNET if reach else _GIVEN
+        self._is_local = os.environ[_REACH] == _HERE
         self.name = f"ROS 2 {ROS2}://{domain or os.environ.get('ROS_DOMAIN_ID', '0')}"
         self._context = need("rclpy.context").Context()
         try:
@@ -100,7 +101,7 @@ class Ros2Bus(Bus):
         self._node.trigger_configure()
         self._node.trigger_activate()
         self._node.create_subscription(
-            self._type("std_msgs/msg/Bool"),
+            _message_type("std_msgs/msg/Bool"),
             f"{self._root}/station/stop",
             self._take_stop,
             self._latched,
@@ -131,12 +132,6 @@ class Ros2Bus(Bus):
         with suppress(Exception):
             self._executor.spin()
 
-    @staticmethod
-    def _type(kind: str) -> Any:
-        """Class of a type such as "std_msgs/msg/Bool"."""
-        package, _, name = kind.split("/")
-        return getattr(need(f"{package}.msg"), name)
-
     @property
     def _latched(self) -> Any:
         qos = need("rclpy.qos")
@@ -164,7 +159,7 @@ class Ros2Bus(Bus):
             kept = self._arrays[channel, names] = self._array(names)
         if channel not in self._publishers:
             self._publishers[channel] = self._node.create_publisher(
-                self._type(ARRAY), channel, need("rclpy.qos").QoSProfile(depth=10)
+                _message_type(ARRAY), channel, 10
             )
         kept.data = array("d", (message.stamp, *message.values))
         self._publishers[channel].publish(kept)
@@ -173,7 +168,7 @@ class Ros2Bus(Bus):
 
     def _array(self, names: Sequence[str]) -> Any:
         """An array whose labels are names."""
-        one, dimension = self._type(ARRAY)(), self._type("std_msgs/msg/MultiArrayDimension")
+        one, dimension = _message_type(ARRAY)(), _message_type("std_msgs/msg/MultiArrayDimension")
         one.layout.dim = [
             dimension(label=label, size=size, stride=size) for label, size in labels_of(names)
         ]
@@ -184,11 +179,12 @@ class Ros2Bus(Bus):
         beside = channel.rpartition("/")[0]
         views: list[tuple[str, Mapping[str, str], Any, Any]] = []
         for kind, signals in standard(layout).items():
-            message_type = self._type(kind)
-            standard_message = message_type()
+            standard_message = _message_type(kind)()
             standard_message.header.frame_id = layout.part
             publisher = self._node.create_publisher(
-                message_type, f"{beside}/{TOPICS[kind]}", need("rclpy.qos").QoSProfile(depth=10)
+                _message_type(kind),
+                f"{beside}/{TOPICS[kind]}",
+                10,
             )
             views.append((kind, signals, publisher, standard_message))
         if views:
@@ -205,25 +201,29 @@ class Ros2Bus(Bus):
 
     def _time(self, time: float) -> Any:
         nanoseconds = round(1e9 * max(time, 0.0))
-        kind = self._type("builtin_interfaces/msg/Time")
+        kind = _message_type("builtin_interfaces/msg/Time")
         return kind(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
     def tell(self, time: float, is_stopped: bool) -> None:
         """See `Bus`: /clock, and the emergency stop where it has changed."""
-        kind = self._type("rosgraph_msgs/msg/Clock")
+        kind = _message_type("rosgraph_msgs/msg/Clock")
         if "/clock" not in self._publishers:
             self._publishers["/clock"] = self._node.create_publisher(kind, "/clock", 10)
         self._publishers["/clock"].publish(kind(clock=self._time(time)))
         self._latch("station/emergency_stop", "std_msgs/msg/Bool", is_stopped)
 
     def describe(self, urdf: str) -> None:
-        """See `Bus`: /robot_description; and /tf begins."""
-        self._transforms = TransformWriter(self._node, self.address)
+        """See `Bus`: /robot_description; and /tf begins.
+
+        Raises:
+            MissingExtra: nothing is installed that writes /tf.
+        """
+        self._transforms = TransformWriter(self._node, self._is_local)
         self._latch("robot_description", "std_msgs/msg/String", urdf)
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
         """Publishes what late subscribers get as well, where it has changed."""
-        message_type = self._type(kind)
+        message_type = _message_type(kind)
         if topic not in self._latches:
             publisher = self._node.create_publisher(
                 message_type, f"{self._root}/{topic}", self._latched
@@ -252,7 +252,7 @@ class Ros2Bus(Bus):
         def take(message: Any, info: Any) -> None:
             self._take(channel, kind, message, info)
 
-        self._node.create_subscription(self._type(kind), channel, take, profile)
+        self._node.create_subscription(_message_type(kind), channel, take, profile)
         self._taken[channel] = kind
 
     def _take(self, channel: str, kind: str, message: Any, info: Mapping[str, Any]) -> None:
@@ -305,3 +305,10 @@ class Ros2Bus(Bus):
             self._transforms.close()
         with suppress(Exception):
             self._node.destroy_node()
+
+
+@cache
+def _message_type(kind: str) -> Any:
+    """Class of a type such as "std_msgs/msg/Bool"."""
+    package, _, name = kind.split("/")
+    return getattr(need(f"{package}.msg"), name)

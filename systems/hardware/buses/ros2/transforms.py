@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Poses
 
 WORLD = "world"
@@ -33,17 +32,17 @@ _HERE = """<CycloneDDS><Domain>
 class TransformWriter:
     """Writes /tf."""
 
-    def __init__(self, node: Any, address: Address):
+    def __init__(self, node: Any, is_local: bool):
         """Begins the topic.
 
         Args:
             node: node of the bus.
-            address: address of the bus.
+            is_local: true if nodes of this computer alone are to be found.
 
         Raises:
             MissingExtra: there is neither `tf2_msgs` nor `cyclonedds`.
         """
-        self._writer = _ros_writer(node) or _CycloneWriter(node, address)
+        self._writer = _ros_writer(node) or _CycloneWriter(node, is_local)
 
     def write(self, poses: Poses, time: float) -> None:
         """Writes poses.
@@ -104,11 +103,10 @@ def _ros_writer(node: Any) -> _Writer | None:
 class _CycloneWriter(_Writer):
     """By CycloneDDS, with the names that ROS 2 gives topics and types on the wire."""
 
-    def __init__(self, node: Any, address: Address):
+    def __init__(self, node: Any, is_local: bool):
         domains, qos = need("cyclonedds.domain"), need("cyclonedds.qos")
         number = node.context.get_domain_id()
         # One of this program may be open already; it is as it was asked for then.
-        is_local = "range=subnet" not in address.place
         self._domain = None
         with suppress(need("cyclonedds.core").DDSException):
             self._domain = domains.Domain(number, _HERE) if is_local else None
@@ -132,19 +130,18 @@ class _CycloneWriter(_Writer):
 def _cyclone_types() -> dict[str, Any]:
     """Classes of the messages [ROS 2: builtin_interfaces, std_msgs, geometry_msgs, tf2_msgs]."""
     types = need("cyclonedds.idl.types")
-    make = _struct
-    time = make("builtin_interfaces", "Time", {"sec": types.int32, "nanosec": types.uint32})
-    header = make("std_msgs", "Header", {"stamp": time, "frame_id": str})
+    time = _struct("builtin_interfaces", "Time", {"sec": types.int32, "nanosec": types.uint32})
+    header = _struct("std_msgs", "Header", {"stamp": time, "frame_id": str})
     number = types.float64
-    vector = make("geometry_msgs", "Vector3", dict.fromkeys("xyz", number))
-    turn = make("geometry_msgs", "Quaternion", dict.fromkeys("xyzw", number))
-    transform = make("geometry_msgs", "Transform", {"translation": vector, "rotation": turn})
-    stamped = make(
+    vector = _struct("geometry_msgs", "Vector3", dict.fromkeys("xyz", number))
+    turn = _struct("geometry_msgs", "Quaternion", dict.fromkeys("xyzw", number))
+    transform = _struct("geometry_msgs", "Transform", {"translation": vector, "rotation": turn})
+    stamped = _struct(
         "geometry_msgs",
         "TransformStamped",
         {"header": header, "child_frame_id": str, "transform": transform},
     )
-    message = make("tf2_msgs", "TFMessage", {"transforms": types.sequence[stamped]})
+    message = _struct("tf2_msgs", "TFMessage", {"transforms": types.sequence[stamped]})
     kinds = (time, header, vector, turn, transform, stamped, message)
     return {kind.__name__: kind for kind in kinds}
 

@@ -1,0 +1,1 @@
+"""ROS 2 as a bus: a node, its messages, and the transforms that show a machine."""

@@ -1,0 +1,74 @@
+"""Machines on a bus as `parapod serve` puts them there: channels, description, poses, errors."""
+
+import io
+import math
+import os
+import time
+from zlib import crc32
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from parapod.diagrams.machine import list_machines
+from parapod.sims.output.options import RunOptions
+from parapod.sims.real_machine.serve import serve
+from parapod.systems.core.errors import MissingExtra, ScenarioError
+
+MACHINES = list_machines()
+
+
+def served(machine, address, duration=0.2):
+    """What `serve` says of a machine whose bodies are not simulated."""
+    scenario, text = machine.scenario(), io.StringIO()
+    scenario.backend = "kinematic"
+    options = RunOptions(console=Console(file=text, width=1000))
+    timing = serve(machine, scenario, address, options, duration)
+    assert len(timing.late) >= 0.9 * duration / scenario.control.period
+    return text.getvalue()
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
+def test_every_machine_describes_itself_on_ros_2(machine, monkeypatch):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from parapod.systems.hardware.buses.ros2.bus import Ros2Bus
+
+    descriptions, poses = [], []
+    monkeypatch.setattr(Ros2Bus, "describe", lambda bus, urdf: descriptions.append(urdf))
+    monkeypatch.setattr(Ros2Bus, "place", lambda bus, links, time: poses.append(links))
+    number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
+    said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
+    for part in machine.parts:
+        if any(port.part == part for port in machine.measured):
+            assert f"publishes /test_{number:08x}/{part}/status: " in said
+    (urdf,) = descriptions
+    assert f'<robot name="{machine.name}"' in urdf
+    if "is drawn once" in said:
+        assert poses == []  # nobody publishes the estimates
+    else:
+        assert all(f'<link name="{link}"' in urdf for link in poses[0])
+        for position, turn in poses[0].values():
+            assert np.isfinite(position).all()
+            assert math.isclose(np.linalg.norm(turn), 1.0, rel_tol=1e-9)
+
+
+def test_a_machine_without_what_writes_poses_is_served_and_says_so(monkeypatch):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from parapod.systems.hardware.buses.ros2 import bus
+
+    def refuse(*_):
+        raise MissingExtra("cyclonedds", "ros2", "not there")
+
+    monkeypatch.setattr(bus, "TransformWriter", refuse)
+    number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
+    (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
+    said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
+    (line,) = [line for line in said.splitlines() if "is not drawn" in line]
+    assert "parapod[ros2]" in line
+
+
+def test_a_machine_whose_scenario_names_a_controller_is_not_served():
+    scenario = MACHINES[0].scenario()
+    scenario.control.controller = "lcm://"
+    with pytest.raises(ScenarioError, match=r"control\.controller must be empty"):
+        serve(MACHINES[0], scenario, "lcm://", RunOptions())
