@@ -79,6 +79,8 @@ class Row:
         timeout: longest time of one call [s].
         is_opened_again: whether it must be configured again after it was unplugged.
         memory: file of its positions.
+        passes_on: whether commands reach the machine as they are: limits, and brakes that stop
+            axes, are beyond the bus.
         like: driver with the same program and other settings; what is commanded, fails and is
             remembered is proved of that.
     """
@@ -96,6 +98,7 @@ class Row:
     timeout: float = 1.0
     is_opened_again: bool = False
     memory: str = ""
+    passes_on: bool = False
     like: str = ""
 
 
@@ -211,6 +214,7 @@ ON_A_BUS = Row(
     rest={"velocity_command": (0.0, 0.0), "brake": (1.0,)},
     faults={"off": {SILENT}, "unplugged": {SILENT}, "garbage": {CORRUPT}},
     timeout=0.1,
+    passes_on=True,
 )
 ROWS = {
     "NiDaqLegs": Row(
@@ -407,12 +411,10 @@ LARGEST = {
     "torque_command": lambda driver: driver.max_force,
     "position_command": lambda driver: max(driver.strokes[1]),
 }
-# What is beyond a bus has limits of its own.
 OBEYING = [
     name
     for name in DRIVING
-    if name not in ("LcmPart", "Ros2Part")
-    and ("stop" not in ROWS[name].order or len(ROWS[name].order) > 1)
+    if not ROWS[name].passes_on and ("stop" not in ROWS[name].order or len(ROWS[name].order) > 1)
 ]
 FAULTS = [(name, kind) for name in PROGRAMS for kind in ROWS[name].faults]
 REMEMBERING = [name for name in PROGRAMS if ROWS[name].memory]
@@ -937,6 +939,8 @@ def test_switch_that_is_commanded_neither_0_nor_1_goes_to_its_safe_side(rig, dev
 @each(DRIVING)
 def test_switch_on_its_safe_side_stays_there_while_it_is_commanded_neither_0_nor_1(rig, device):
     kept = rig.row.order | {s: (1.0,) * rig.row.commands[s] for s in device.fail_safe}
+    if rig.row.passes_on:
+        kept |= rig.row.rest
     activated(device)
 
     def is_at_rest():
