@@ -25,8 +25,10 @@ _HERE = """<CycloneDDS><Domain>
 <Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
 <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
-<Tracing><Verbosity>config</Verbosity><OutputFile>/dev/null</OutputFile></Tracing>
 </Domain></CycloneDDS>"""
+
+# Fatal messages and errors of CycloneDDS's log [dds/ddsrt/log.h].
+_ERRORS = 0b11
 
 
 class TransformWriter:
@@ -111,6 +113,8 @@ class _CycloneWriter(_Writer):
         with suppress(need("cyclonedds.core").DDSException):
             self._domain = domains.Domain(number, _HERE) if is_local else None
         self._participant = domains.DomainParticipant(number)
+        # It warns of every type of others that it does not know.
+        need("cyclonedds.internal").load_cyclonedds().dds_set_log_mask(_ERRORS)
         kinds = _cyclone_types()
         policy = qos.Qos(
             qos.Policy.Reliability.Reliable(max_blocking_time=0), qos.Policy.History.KeepLast(100)
