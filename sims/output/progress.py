@@ -4,7 +4,7 @@
 compares what programs print.
 """
 
-import math
+import io
 import os
 import threading
 import time
@@ -48,7 +48,6 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
     from rich.progress import BarColumn, Progress, TextColumn
 
     started = time.monotonic()
-    drawn_at = -math.inf
     reached = 0.0
     # Markup is off because `what` is any text.
     columns = (
@@ -58,27 +57,35 @@ def _bar(console: Console, what: str, total: float) -> Iterator[Callable[[float]
     )
     with Progress(*columns, console=console, auto_refresh=False) as bar:
         task = bar.add_task(what, total=total, pace="")
+        ended = threading.Event()
 
-        def draw(now: float) -> None:
-            pace = _pace(reached, total, now - started)
+        def draw() -> None:
+            pace = _pace(reached, total, time.monotonic() - started)
             bar.update(task, completed=reached, pace=pace, refresh=True)
 
-        def update(simulated: float) -> None:
-            nonlocal drawn_at, reached
-            reached = simulated
-            now = time.monotonic()
-            if now - drawn_at >= _REDRAW_PERIOD:
-                drawn_at = now
-                draw(now)
+        def redraw() -> None:
+            while not ended.wait(_REDRAW_PERIOD):
+                draw()
 
+        def update(simulated: float) -> None:
+            nonlocal reached
+            reached = simulated
+
+        # A drawing takes milliseconds, which a loop in real time does not have.
+        thread = threading.Thread(target=redraw, name="progress", daemon=True)
+        thread.start()
         try:
             yield update
         finally:
-            draw(time.monotonic())
+            ended.set()
+            thread.join()
+            draw()
 
 
 def _lines(console: Console, what: str, period: float) -> Callable[[Callable[[float], str]], None]:
     """Prints what is going on, and its state as a function of the time, when a line is due."""
+    # The library's first line takes as long as a hundred others.
+    Console(file=io.StringIO()).print("", markup=False, highlight=False, soft_wrap=True)
     printed = time.monotonic()
 
     def line(state: Callable[[float], str]) -> None:

@@ -40,7 +40,7 @@ from parapod.sims.real_machine.disturbances import (
     Schedule,
     disturbable,
 )
-from parapod.sims.real_machine.privileges import FIFO, take_priority
+from parapod.sims.real_machine.privileges import EMULATED, FIFO, take_priority
 from parapod.sims.real_machine.real_time import SWITCH_INTERVAL, RealTimeLoop, undisturbed
 from parapod.systems.core.errors import OutputError, ParapodError, ScenarioError
 from parapod.systems.core.ports import read_array
@@ -153,7 +153,7 @@ def _serve(
 ) -> None:
     """Emulates devices until the other end of the connection is closed."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    take_priority()  # a real device waits for no other program
+    take_priority(priority=EMULATED)  # a real device waits for no other program
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for all; the first process ends us
     try:
         harness = SharedHarness(path, sizes, parts, idle=idle)
@@ -504,7 +504,7 @@ def emulate(
             if record is not None and next(ticks) % every == 0:
                 record.write(now, emulated.values(root))
 
-        with undisturbed((FIFO,)):
+        with undisturbed((FIFO,), priority=EMULATED):
             emulated.run(min(duration, _FOREVER), on_tick)
 
 

@@ -8,14 +8,17 @@ import ctypes
 import errno
 import os
 import resource
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 FIFO, MEMORY, CORE = "SCHED_FIFO", "mlockall", "affinity"
 PRIVILEGES = (FIFO, MEMORY, CORE)
 PRIORITY = 40
+# Priority of emulated devices: on their own computer they would not delay a controller.
+EMULATED = PRIORITY - 1
 # Of mman.h and capability.h.
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
@@ -120,7 +123,7 @@ def parsed_cores(text: str) -> set[int]:
 
 @contextmanager
 def privileges(
-    requests: Collection[str], kernel: Kernel = KERNEL
+    requests: Collection[str], kernel: Kernel = KERNEL, priority: int = PRIORITY
 ) -> Iterator[tuple[Outcome, ...]]:
     """Takes privileges for the calling thread and those that it starts meanwhile.
 
@@ -130,10 +133,15 @@ def privileges(
     Args:
         requests: names of `PRIVILEGES`.
         kernel: system calls.
+        priority: priority under SCHED_FIFO.
 
     Yields what the kernel has said to each.
     """
-    takers = {FIFO: _with_fifo, MEMORY: _with_memory, CORE: _with_core}
+    takers: dict[str, Callable[[Kernel, ExitStack], str]] = {
+        FIFO: partial(_with_fifo, priority=priority),
+        MEMORY: _with_memory,
+        CORE: _with_core,
+    }
     with ExitStack() as stack:
         outcomes = []
         for name in PRIVILEGES:
@@ -145,23 +153,23 @@ def privileges(
         yield tuple(outcomes)
 
 
-def take_priority(kernel: Kernel = KERNEL) -> Outcome:
+def take_priority(kernel: Kernel = KERNEL, priority: int = PRIORITY) -> Outcome:
     """Gives the calling thread, and those that it starts from now on, SCHED_FIFO for good."""
     with ExitStack() as stack:
         try:
-            words = _with_fifo(kernel, stack)
+            words = _with_fifo(kernel, stack, priority)
         except (OSError, AttributeError) as error:
             return Outcome(FIFO, False, _reason(FIFO, error, kernel))
         stack.pop_all()
     return Outcome(FIFO, True, words)
 
 
-def _with_fifo(kernel: Kernel, stack: ExitStack) -> str:
+def _with_fifo(kernel: Kernel, stack: ExitStack, priority: int) -> str:
     if kernel.is_fifo():
         return "the program had it before"
-    kernel.set_fifo(PRIORITY)
+    kernel.set_fifo(priority)
     stack.callback(kernel.set_fifo, None)
-    return f"priority {PRIORITY}"
+    return f"priority {priority}"
 
 
 def _with_memory(kernel: Kernel, stack: ExitStack) -> str:

@@ -1,5 +1,6 @@
 """A bus as this program sees it: channels to publish on, and inboxes that judge what comes."""
 
+import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -140,7 +141,8 @@ class Inbox:
 class Bus(ABC):
     """A connection to a bus; a thread of its own receives.
 
-    A kind of bus overrides `advertise`, `tell`, `describe` and `place` if it has a use for them.
+    Several parts may share one: see `connect`. A kind of bus overrides `advertise`, `tell`,
+    `describe` and `place` if it has a use for them.
 
     Attributes:
         name: kind and address, as errors call it.
@@ -151,7 +153,44 @@ class Bus(ABC):
     draws: ClassVar[bool] = False
 
     name: str
-    address: Address
+
+    def __init__(self, address: Address):
+        """Begins with one user and no inbox.
+
+        Args:
+            address: address of the bus.
+        """
+        self.address = address
+        self._inboxes: dict[str, tuple[Inbox, ...]] = {}
+        self._users, self._sharing = 1, threading.Lock()
+
+    def share(self) -> bool:
+        """Counts one more user, unless the connection has ended; true if it has not."""
+        with self._sharing:
+            self._users += bool(self._users)
+            return self._users > 0
+
+    def close(self) -> None:
+        """Ends one use of the connection, and with the last the connection; never raises."""
+        with self._sharing:
+            self._users -= 1
+            is_over = self._users == 0
+        if is_over:
+            self._end()
+
+    def subscribe(self, inbox: Inbox) -> None:
+        """Has an inbox take the messages of its channel from here on."""
+        with self._sharing:
+            others = self._inboxes.get(inbox.channel)
+            self._inboxes[inbox.channel] = (*(others or ()), inbox)
+        if others is None:
+            self._listen(inbox.channel)
+
+    def unsubscribe(self, inbox: Inbox) -> None:
+        """Has an inbox take nothing any more."""
+        with self._sharing:
+            others = self._inboxes.get(inbox.channel, ())
+            self._inboxes[inbox.channel] = tuple(one for one in others if one is not inbox)
 
     def advertise(self, channel: str, layout: Layout) -> None:  # noqa: B027
         """Prepares for messages of a part's status; buses with types of their own need it.
@@ -198,13 +237,13 @@ class Bus(ABC):
         """
 
     @abstractmethod
-    def subscribe(self, inbox: Inbox) -> None:
-        """Has an inbox take the messages of its channel from here on."""
-
-    @abstractmethod
     def channels(self) -> Sequence[str]:
         """Channels on which others have published."""
 
     @abstractmethod
-    def close(self) -> None:
+    def _listen(self, channel: str) -> None:
+        """Has the inboxes of a channel take its messages from here on."""
+
+    @abstractmethod
+    def _end(self) -> None:
         """Ends the connection; never raises."""

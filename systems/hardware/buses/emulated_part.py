@@ -55,7 +55,7 @@ class EmulatedBusPart:
 
     def __enter__(self) -> Self:
         self._over.clear()
-        self._bus = connect(self._address, f"emulated_{self.part}")
+        self._bus = connect(self._address, "emulator")
         served = ServedPart(self.part, self._bus, self._measures, self._commands, self._idle)
         self._thread = threading.Thread(target=self._run, args=(served,), daemon=True)
         self._thread.start()

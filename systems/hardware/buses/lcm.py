@@ -7,7 +7,7 @@ from functools import cache, lru_cache, partial
 
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.buses.address import LCM, Address
-from parapod.systems.hardware.buses.bus import Bus, Inbox
+from parapod.systems.hardware.buses.bus import Bus
 from parapod.systems.hardware.buses.message import Message
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault
@@ -42,7 +42,8 @@ class LcmBus(Bus):
         """
         from pydrake.lcm import DrakeLcm
 
-        self.address, url = address, address.place
+        super().__init__(address)
+        url = address.place
         self.url = local(url)
         self.name = f"LCM {self.url}"
         if not self.url.startswith(_PROVIDERS):
@@ -55,7 +56,6 @@ class LcmBus(Bus):
             words = f"LCM cannot be opened at {quoted(url)}"
             raise DeviceError(self.name, words, DeviceFault.UNPLUGGED)
         self._seen, self._own = set[str](), set[str]()
-        self._inboxes: dict[str, list[Inbox]] = {}
         self._lock, self._over = threading.Lock(), threading.Event()
         # Between looks Drake's client keeps one message of a subscription; this one is for names.
         self._lcm.SubscribeAllChannels(self._see)
@@ -73,18 +73,16 @@ class LcmBus(Bus):
         with self._lock:
             self._sending.Publish(channel, data)
 
-    def subscribe(self, inbox: Inbox) -> None:
-        """See `Bus`."""
-        with self._lock:
-            if inbox.channel not in self._inboxes:
-                self._lcm.Subscribe(inbox.channel, partial(self._take, inbox.channel))
-            self._inboxes.setdefault(inbox.channel, []).append(inbox)
-
     def channels(self) -> Sequence[str]:
         """See `Bus`."""
         return sorted(self._seen - self._own)
 
-    def close(self) -> None:
+    def _listen(self, channel: str) -> None:
+        """See `Bus`."""
+        with self._lock:
+            self._lcm.Subscribe(channel, partial(self._take, channel))
+
+    def _end(self) -> None:
         """See `Bus`."""
         self._over.set()
         self._thread.join()

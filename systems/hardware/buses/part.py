@@ -80,7 +80,7 @@ class BusPart(Device):
         """
         self.close()
         begin = monotonic()
-        self._bus = connect(self._address, f"parapod_{self._part}")
+        self._bus = connect(self._address)
         self._inbox = Inbox(self._status, self._measured, self._rate, self._timeout)
         if self.measures:
             self._bus.subscribe(self._inbox)
@@ -170,4 +170,6 @@ class BusPart(Device):
         bus, self._bus = self._bus, None
         self._is_active = False
         if bus is not None:
+            if self._inbox is not None:
+                bus.unsubscribe(self._inbox)
             bus.close()

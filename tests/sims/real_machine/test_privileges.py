@@ -8,6 +8,7 @@ import pytest
 
 from parapod.sims.real_machine.privileges import (
     CORE,
+    EMULATED,
     FIFO,
     KERNEL,
     MEMORY,
@@ -147,6 +148,9 @@ def test_priority_of_a_thread_that_ends_with_it_is_not_given_back():
     kernel = Fake()
     assert take_priority(kernel).is_taken
     assert kernel.done == [("fifo", 40)]
+    beside = Fake()
+    assert take_priority(beside, EMULATED).is_taken
+    assert beside.done == [("fifo", 39)]
     assert not take_priority(Fake({"fifo": errno.EPERM})).is_taken
 
 

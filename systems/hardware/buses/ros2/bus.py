@@ -2,7 +2,6 @@
 
 import os
 import threading
-from array import array
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
@@ -10,13 +9,14 @@ from typing import Any
 
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.buses.address import ROS2, Address
-from parapod.systems.hardware.buses.bus import Bus, Inbox, Poses
+from parapod.systems.hardware.buses.bus import Bus, Poses
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+from parapod.systems.hardware.buses.ros2.arrays import Arrays
 from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
     TOPICS,
     fill,
-    labels_of,
+    of_array,
     standard,
     values_of,
 )
@@ -27,8 +27,8 @@ from parapod.systems.hardware.device import DeviceError, DeviceFault
 # Key of the environment that says how far ROS 2 looks for other nodes, and what the user's said.
 _REACH, _HERE, _SUBNET = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST", "SUBNET"
 _GIVEN = os.environ.get(_REACH, _HERE)
-# Period of looks at who publishes what [s].
-_LOOK = 0.05
+# Period of looks at what has come, and of those at who publishes what and at requests [s].
+_LOOK, _SELDOM = 1e-3, 0.05
 # Topics that every node has.
 _USUAL = {"/rosout", "/parameter_events"}
 
@@ -51,6 +51,9 @@ class Ros2Bus(Bus):
     may be published in another standard type whose fields fill its signals. The node is managed:
     it is configured and active from the beginning, and while it is not active all parts are
     neutral.
+
+    A thread looks for messages every millisecond. The library's executors, which wait for them,
+    need three times as long for each.
     """
 
     draws = True
@@ -71,7 +74,7 @@ class Ros2Bus(Bus):
         lifecycle = need("rclpy.lifecycle")
         signals = need("rclpy.signals")
         domain, _, reach = address.place.partition("?")
-        self.address = address
+        super().__init__(address)
         self._root = f"/{address.suffix}" if address.suffix else ""
         # ROS 2 looks at it when a context begins; what another bus asked for does not count.
         os.environ[_REACH] = _SUBNET if reach else _GIVEN
@@ -89,27 +92,31 @@ class Ros2Bus(Bus):
             )
         except Exception as error:  # of a library in C, which has several
             raise DeviceError(self.name, str(error), DeviceFault.UNPLUGGED) from error
+        serialization = need("rclpy.serialization")
+        self._deserialized = serialization.deserialize_message
+        self._arrays = Arrays(
+            _message_type(ARRAY),
+            _message_type("std_msgs/msg/MultiArrayDimension"),
+            serialization.serialize_message,
+            self._deserialized,
+        )
         self._publishers: dict[str, Any] = {}
-        self._arrays: dict[tuple[str, tuple[str, ...]], Any] = {}
         self._views: dict[str, tuple[Layout, list[tuple[str, Mapping[str, str], Any, Any]]]] = {}
-        self._inboxes: dict[str, list[Inbox]] = {}
-        self._taken: dict[str, str] = {}
+        self._subscriptions: dict[str, tuple[str, Any]] = {}
         self._counted: dict[str, int] = {}
-        self._latches: dict[str, tuple[Any, object]] = {}
+        self._latches: dict[str, object] = {}
+        self._making = threading.Lock()
         self._is_active, self._is_stopped = False, False
         self._transforms: TransformWriter | None = None
         self._node.trigger_configure()
         self._node.trigger_activate()
-        self._node.create_subscription(
-            _message_type("std_msgs/msg/Bool"),
-            f"{self._root}/station/stop",
-            self._take_stop,
-            self._latched,
-        )
-        self._node.create_timer(_LOOK, self._look)
+        self._stopping = f"{self._root}/station/stop"
+        self._polled = self._never()
+        self._subscribe(self._stopping, "std_msgs/msg/Bool", self._latched)
         self._executor = need("rclpy.executors").SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._spin, name=self.name, daemon=True)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._receive, name=self.name, daemon=True)
         self._thread.start()
 
     def _managed(self, lifecycle: Any) -> type[Any]:
@@ -127,10 +134,32 @@ class Ros2Bus(Bus):
 
         return Managed
 
-    def _spin(self) -> None:
-        # Closing the node ends it, by whatever error the library then has.
-        with suppress(Exception):
-            self._executor.spin()
+    def _never(self) -> Any:
+        """A group whose subscriptions no executor looks at."""
+
+        class Never(need("rclpy.callback_groups").CallbackGroup):  # type: ignore[misc]
+            def can_execute(self, entity: Any) -> bool:
+                return False
+
+            def beginning_execution(self, entity: Any) -> bool:
+                return False
+
+        return Never()
+
+    def _receive(self) -> None:
+        seldom = 0.0
+        while not self._over.wait(_LOOK):
+            for channel, (kind, subscription) in list(self._subscriptions.items()):
+                while True:
+                    with subscription.handle:
+                        came = subscription.handle.take_message(subscription.msg_type, True)
+                    if came is None:
+                        break
+                    self._take(channel, kind, *came)
+            if (now := monotonic()) >= seldom:
+                seldom = now + _SELDOM
+                self._executor.spin_once(timeout_sec=0.0)
+                self._look()
 
     @property
     def _latched(self) -> Any:
@@ -138,41 +167,36 @@ class Ros2Bus(Bus):
         return qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
 
     @property
+    def _unreliable(self) -> Any:
+        qos = need("rclpy.qos")
+        return qos.QoSProfile(depth=10, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+
+    @property
     def stop(self) -> str:
         """See `Bus`."""
         if self._is_stopped:
-            return f"{self._root}/station/stop is true"
+            return f"{self._stopping} is true"
         return "" if self._is_active else f"the node {self._full_name} is not active"
 
     @property
     def _full_name(self) -> str:
         return str(self._node.get_fully_qualified_name())
 
-    def _take_stop(self, message: Any) -> None:
-        self._is_stopped = bool(message.data)
-
     def publish(self, channel: str, message: Message) -> None:
         """See `Bus`."""
-        names = tuple(message.names)
-        kept = self._arrays.get((channel, names))
-        if kept is None:
-            kept = self._arrays[channel, names] = self._array(names)
-        if channel not in self._publishers:
-            self._publishers[channel] = self._node.create_publisher(
-                _message_type(ARRAY), channel, 10
-            )
-        kept.data = array("d", (message.stamp, *message.values))
-        self._publishers[channel].publish(kept)
+        data = self._arrays.encoded(tuple(message.names), message.stamp, message.values)
+        self._publisher(ARRAY, channel).publish(data)
         if channel in self._views:
             self._publish_views(channel, message)
 
-    def _array(self, names: Sequence[str]) -> Any:
-        """An array whose labels are names."""
-        one, dimension = _message_type(ARRAY)(), _message_type("std_msgs/msg/MultiArrayDimension")
-        one.layout.dim = [
-            dimension(label=label, size=size, stride=size) for label, size in labels_of(names)
-        ]
-        return one
+    def _publisher(self, kind: str, topic: str, qos: Any = 10) -> Any:
+        """The publisher of a topic, of which the node has one; the library makes one at a time."""
+        if topic not in self._publishers:
+            with self._making:
+                self._publishers[topic] = self._node.create_publisher(
+                    _message_type(kind), topic, qos
+                )
+        return self._publishers[topic]
 
     def advertise(self, channel: str, layout: Layout) -> None:
         """See `Bus`: standard messages of the part, beside the array."""
@@ -181,11 +205,7 @@ class Ros2Bus(Bus):
         for kind, signals in standard(layout).items():
             standard_message = _message_type(kind)()
             standard_message.header.frame_id = layout.part
-            publisher = self._node.create_publisher(
-                _message_type(kind),
-                f"{beside}/{TOPICS[kind]}",
-                10,
-            )
+            publisher = self._publisher(kind, f"{beside}/{TOPICS[kind]}")
             views.append((kind, signals, publisher, standard_message))
         if views:
             self._views[channel] = layout, views
@@ -206,10 +226,8 @@ class Ros2Bus(Bus):
 
     def tell(self, time: float, is_stopped: bool) -> None:
         """See `Bus`: /clock, and the emergency stop where it has changed."""
-        kind = _message_type("rosgraph_msgs/msg/Clock")
-        if "/clock" not in self._publishers:
-            self._publishers["/clock"] = self._node.create_publisher(kind, "/clock", 10)
-        self._publishers["/clock"].publish(kind(clock=self._time(time)))
+        kind = "rosgraph_msgs/msg/Clock"
+        self._publisher(kind, "/clock").publish(_message_type(kind)(clock=self._time(time)))
         self._latch("station/emergency_stop", "std_msgs/msg/Bool", is_stopped)
 
     def describe(self, urdf: str) -> None:
@@ -223,45 +241,48 @@ class Ros2Bus(Bus):
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
         """Publishes what late subscribers get as well, where it has changed."""
-        message_type = _message_type(kind)
-        if topic not in self._latches:
-            publisher = self._node.create_publisher(
-                message_type, f"{self._root}/{topic}", self._latched
-            )
-            self._latches[topic] = publisher, None
-        publisher, last = self._latches[topic]
-        if data != last:
-            publisher.publish(message_type(data=data))
-            self._latches[topic] = publisher, data
+        publisher = self._publisher(kind, f"{self._root}/{topic}", self._latched)
+        if data != self._latches.get(topic):
+            publisher.publish(_message_type(kind)(data=data))
+            self._latches[topic] = data
 
     def place(self, poses: Poses, time: float) -> None:
         """See `Bus`: /tf, once the machine is described."""
         if self._transforms is not None:
             self._transforms.write(poses, time)
 
-    def subscribe(self, inbox: Inbox) -> None:
-        """See `Bus`."""
-        self._inboxes.setdefault(inbox.channel, []).append(inbox)
+    def _listen(self, channel: str) -> None:
+        """See `Bus`: the next look takes the type that is published."""
 
-    def _take_type(self, channel: str, kind: str) -> None:
-        """Takes what is published in a type; the library has one type of a topic in a node."""
-        qos = need("rclpy.qos")
-        profile = qos.QoSProfile(depth=10, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+    def _subscribe(self, topic: str, kind: str, qos: Any) -> None:
+        """Takes what is published; the library has one type of a topic in a node."""
+        with self._making:
+            subscription = self._node.create_subscription(
+                *(_message_type(kind), topic, lambda _: None, qos),
+                callback_group=self._polled,
+                raw=True,
+            )
+        self._subscriptions[topic] = kind, subscription
 
-        # The library looks at the number of parameters.
-        def take(message: Any, info: Any) -> None:
-            self._take(channel, kind, message, info)
-
-        self._node.create_subscription(_message_type(kind), channel, take, profile)
-        self._taken[channel] = kind
-
-    def _take(self, channel: str, kind: str, message: Any, info: Mapping[str, Any]) -> None:
+    def _take(self, channel: str, kind: str, data: bytes, info: Mapping[str, Any]) -> None:
         """Gives what has come to the inboxes; must not raise."""
+        if channel == self._stopping:
+            self._is_stopped = bool(self._deserialized(data, _message_type(kind)).data)
+            return
         now, number = monotonic(), info.get("publication_sequence_number") or 0
         back, self._counted[channel] = number <= self._counted.get(channel, -1), number
+        if kind == ARRAY:
+            labels, values = self._arrays.decoded(data)
+        else:
+            message = self._deserialized(data, _message_type(kind))
         for inbox in self._inboxes[channel]:
             try:
-                inbox.take(values_of(kind, message, inbox.layout), now)
+                inbox.take(
+                    of_array(labels, values, inbox.layout)
+                    if kind == ARRAY
+                    else values_of(kind, message, inbox.layout),
+                    now,
+                )
             except WrongMessage as error:
                 inbox.refuse(str(error), now)
             if back and number:
@@ -276,12 +297,12 @@ class Ros2Bus(Bus):
         """Takes the type that is published, and names those that cannot be taken."""
         for channel, inboxes in list(self._inboxes.items()):
             for info in self._node.get_publishers_info_by_topic(channel):
-                kind, present = info.topic_type, self._taken.get(channel)
+                kind, present = info.topic_type, self._subscriptions.get(channel, ("",))[0]
                 if kind == present:
                     continue
                 possible = {ARRAY}.union(*(standard(inbox.layout) for inbox in inboxes))
-                if kind in possible and present is None:
-                    self._take_type(channel, kind)
+                if kind in possible and not present:
+                    self._subscribe(channel, kind, self._unreliable)
                     continue
                 types = present or ", ".join(sorted(possible))
                 for inbox in inboxes:
@@ -296,15 +317,16 @@ class Ros2Bus(Bus):
             name for name in topics if name not in own and self._senders(name) - {self._full_name}
         )
 
-    def close(self) -> None:
+    def _end(self) -> None:
         """See `Bus`."""
-        with suppress(Exception):
-            need("rclpy").shutdown(context=self._context)
-        self._thread.join(timeout=2.0)
+        self._over.set()
+        self._thread.join()
         if self._transforms is not None:
             self._transforms.close()
         with suppress(Exception):
+            self._executor.shutdown()
             self._node.destroy_node()
+            need("rclpy").shutdown(context=self._context)
 
 
 @cache

@@ -96,10 +96,10 @@ def fill(
 
 
 def values_of(kind: str, message: Any, layout: Layout) -> Message:
-    """Names and values of a message that came.
+    """Names and values of a standard message that came.
 
-    An array without labels has its values in the order of the layout. Joints are known by the
-    names that `joint_names` gives, or by their order where they have others.
+    Joints are known by the names that `joint_names` gives, or by their order where they have
+    others.
 
     Args:
         kind: type of the message.
@@ -109,8 +109,6 @@ def values_of(kind: str, message: Any, layout: Layout) -> Message:
     Raises:
         WrongMessage: values that cannot be told apart.
     """
-    if kind == ARRAY:
-        return _of_array(message, layout)
     stamp = message.header.stamp
     time = stamp.sec + 1e-9 * stamp.nanosec
     names: list[str] = []
@@ -137,9 +135,20 @@ def _field(kind: str, message: Any, field: str, joints: Sequence[str]) -> list[f
     return list(content)
 
 
-def _of_array(message: Any, layout: Layout) -> Message:
-    values = tuple(message.data)
-    labels = [(each.label, each.size) for each in message.layout.dim]
+def of_array(
+    labels: Sequence[tuple[str, int]], values: Sequence[float], layout: Layout
+) -> Message:
+    """Names and values of an array that came.
+
+    Args:
+        labels: its labels, and the number of values of each; none: the values are in the order of
+            the layout.
+        values: its values.
+        layout: signals that are wanted of it.
+
+    Raises:
+        WrongMessage: values that cannot be told apart.
+    """
     if not labels:
         if len(values) != len(layout.names):
             raise WrongMessage(

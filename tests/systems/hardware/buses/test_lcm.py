@@ -115,7 +115,7 @@ def test_channels_are_those_of_others(buses):
 def test_a_part_that_nobody_serves_says_what_there_is(buses, lcm_url, monkeypatch):
     _, theirs = buses
 
-    def heard(address, name):
+    def heard(address):
         bus = LcmBus(address)
         until(lambda: theirs.publish("ARM_STATUS", Message((), (), 1.0)) or bus.channels())
         return bus

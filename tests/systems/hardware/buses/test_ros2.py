@@ -16,6 +16,7 @@ from parapod.systems.hardware.buses.address import ROS2, Address, address_of
 from parapod.systems.hardware.buses.bus import Inbox
 from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+from parapod.systems.hardware.buses.ros2.arrays import Arrays
 from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
     FIELD,
@@ -23,6 +24,7 @@ from parapod.systems.hardware.buses.ros2.messages import (
     JOINTS,
     fill,
     labels_of,
+    of_array,
     standard,
     values_of,
 )
@@ -45,11 +47,6 @@ def joints(**fields):
     return Fields(header=Fields(stamp=stamp), **(usual | fields))
 
 
-def array_of(names, values):
-    labels = [Fields(label=label, size=size) for label, size in labels_of(names)]
-    return Fields(layout=Fields(dim=labels), data=values)
-
-
 def test_standard_messages_follow_from_the_units():
     assert standard(LEGS) == {JOINTS: {"position": "extension", "velocity": "velocity"}}
     assert standard(SENSOR) == {
@@ -62,25 +59,41 @@ def test_standard_messages_follow_from_the_units():
 
 def test_an_array_is_what_was_packed():
     names, values = LEGS.names, [0.5 * i for i in range(len(LEGS.names))]
-    message = values_of(ARRAY, array_of(names, [7.25, *values]), LEGS)
+    message = of_array(labels_of(names), [7.25, *values], LEGS)
     assert message == Message(list(names), tuple(values), 7.25)
-    plain = Fields(layout=Fields(dim=[]), data=values)
-    assert values_of(ARRAY, plain, LEGS) == Message(names, tuple(values), 0.0)
+    assert of_array([], values, LEGS) == Message(names, values, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("message", "words"),
+    ("labels", "values", "words"),
     [
-        (
-            Fields(layout=Fields(dim=[]), data=[1.0]),
-            "has 1 values without labels, not the 10 of extension",
-        ),
-        (array_of(LEGS.names, [1.0, 2.0]), "has labels of 11 values for 2"),
+        ([], [1.0], "has 1 values without labels, not the 10 of extension"),
+        (labels_of(LEGS.names), [1.0, 2.0], "has labels of 11 values for 2"),
     ],
 )
-def test_arrays_that_do_not_fit_are_named(message, words):
+def test_arrays_that_do_not_fit_are_named(labels, values, words):
     with pytest.raises(WrongMessage, match=words):
-        values_of(ARRAY, message, LEGS)
+        of_array(labels, values, LEGS)
+
+
+def test_arrays_are_the_library_s_byte_by_byte_and_back():
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from rclpy.serialization import deserialize_message, serialize_message
+    from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+    parts = Float64MultiArray, MultiArrayDimension, serialize_message, deserialize_message
+    ours, theirs = Arrays(*parts), Arrays(*parts)
+    for names in (LEGS.names, SENSOR.names, ("voltage",), ()):
+        for turn in range(3):
+            values = tuple(turn + 0.1 * i for i in range(len(names)))
+            data = ours.encoded(names, 2.5 + turn, values)
+            message = deserialize_message(data, Float64MultiArray)
+            assert serialize_message(message) == data
+            assert [(d.label, d.size) for d in message.layout.dim] == labels_of(names)
+            assert list(message.data) == [2.5 + turn, *values]
+            assert theirs.decoded(data) == (labels_of(names), (2.5 + turn, *values))
+    plain = serialize_message(Float64MultiArray(data=[3.0, 4.0]))
+    assert [theirs.decoded(plain) for _ in range(2)] == [([], (3.0, 4.0))] * 2
 
 
 def test_joints_are_known_by_their_names_or_their_order():
