@@ -1,5 +1,7 @@
 """Deadlines of both machines on emulated devices, with a log: ten minutes idle, and beside others.
 
+The platform's parts are also driven behind buses, for two minutes.
+
 No deadline is to be missed on an idle computer. Whether it was idle tell programs that only wake
 up, one a core, with a higher priority than the controller: a deadline that is missed while they
 wake up in time as well is ours.
@@ -23,6 +25,7 @@ from benchmarks.report import Measurement
 from benchmarks.wake_ups import WakeUps, wake_ups
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.devices import Parts
+from parapod.diagrams.drivers.bus import parts_on_bus
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario, WaypointScenario
 from parapod.diagrams.machine import Machine
@@ -33,8 +36,11 @@ from parapod.sims.real_machine.job import run_on_hardware
 from parapod.sims.real_machine.own_emulator import own_emulator
 from parapod.sims.real_machine.real_time import Timing
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.hardware.buses.address import KINDS
 
-_IDLE, _BUSY = 600.0, 60.0  # [s]
+_IDLE, _BUSY, _BUS = 600.0, 60.0, 120.0  # [s]
+# Age of a measurement when its command is written, of a part behind a bus: in 99 % [s].
+_AGE = 12e-3
 _OTHERS = 4
 # A missed deadline is the computer's if cores stood still for this part of a period, added up [-],
 # within this time before it [s].
@@ -92,6 +98,18 @@ def run(console: Console) -> list[Measurement]:
             Measurement(f"{words}: deadlines missed", beside.timing.missed, ""),
             Measurement(f"{words}: late, cores on time, no safe end", late, "", 0, None, True),
         ]
+    return results + buses(console)
+
+
+def buses(console: Console) -> list[Measurement]:
+    """Two minutes of the platform with all its parts behind a bus, of each kind."""
+    results = []
+    for kind in KINDS:
+        scenario = _levelling(_BUS)
+        scenario.hardware.drivers = parts_on_bus(PLATFORM.for_scenario(scenario), kind)
+        one = driven(PLATFORM, scenario, "kinematic", _BUS, console, f"--{kind}")
+        words = f"platform over {kind}, {_BUS:g} s idle"
+        results += _judged(words, one, console, _AGE)
     return results
 
 
@@ -112,9 +130,14 @@ def _levelling(duration: float) -> LevellingScenario:
 
 
 def driven(
-    machine: Machine[Any], scenario: Any, physics: str, duration: float, console: Console
+    machine: Machine[Any],
+    scenario: Any,
+    physics: str,
+    duration: float,
+    console: Console,
+    *options: str,
 ) -> Run:
-    """Drives a machine on emulated devices for a while, with a log."""
+    """Drives a machine on emulated devices for a while, with a log; options are the emulator's."""
     timings: list[tuple[Timing, float]] = []
     ended = ""
 
@@ -122,7 +145,7 @@ def driven(
         timings.append((timing, time.monotonic()))
 
     # In the computer's own time, by which it is judged.
-    emulator = own_emulator(machine.experiment, "--rate=1", "--backend", physics)
+    emulator = own_emulator(machine.experiment, "--rate=1", "--backend", physics, *options)
     with emulator, tempfile.TemporaryDirectory() as folder:
         loop = ClosedLoop(machine, scenario, log=())
         options = RunOptions(console=console, log=Path(folder, "log.mcap"))
@@ -156,8 +179,11 @@ def _tell(words: str, run: Run, console: Console) -> None:
         )
 
 
-def _judged(words: str, run: Run, console: Console) -> list[Measurement]:
-    """Judges a run on a computer that nothing else uses."""
+def _judged(
+    words: str, run: Run, console: Console, oldest: float | None = None
+) -> list[Measurement]:
+    """Judges a run on a computer that nothing else uses, by the share of fresh measurements or,
+    where it is given, the age that 99 % of them stay below."""
     _tell(words, run, console)
     timing = run.timing
     seconds = timing.ticks * timing.period
@@ -169,10 +195,12 @@ def _judged(words: str, run: Run, console: Console) -> list[Measurement]:
     ]
     for part, ages in run.ages.items():
         young = 100.0 * float(np.mean(np.array(ages) < timing.period))
-        median = 1e3 * float(np.median(ages))
+        median, age = 1e3 * np.percentile(ages, [50.0, 99.0])
         results += [
             Measurement(f"{words}: {part}, median age of measurements when written", median, "ms"),
-            Measurement(f"{words}: {part}, writes younger than a period", young, "%", 99.0),
+            Measurement(f"{words}: {part}, writes younger than a period", young, "%", 99.0)
+            if oldest is None
+            else Measurement(f"{words}: {part}, age in 99 %", age, "ms", 1e3 * oldest, None, True),
         ]
     return results
 

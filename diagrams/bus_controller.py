@@ -45,7 +45,7 @@ def bus_controller(
         bus,
         {port.name: port.size for port in machine.outputs},
         {name: port.size for name, port in commands.items()},
-        {name: port.idle for name, port in commands.items()},
+        {name: port.neutral for name, port in commands.items()},
         job,
         {
             name: port.size()

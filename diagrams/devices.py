@@ -233,7 +233,7 @@ def make_parts(
             raise ScenarioError(
                 f"{key} = {quoted(driver.part)} is not one of {', '.join(sorted(parts))}", key
             )
-        switches = [spec for spec in inputs if spec.unit == "-"]
+        switches = [spec for spec in inputs if spec.is_switch]
         ports = PartPorts(
             _signals(outputs, driver.part),
             _signals(inputs, driver.part),

@@ -90,6 +90,16 @@ class Port:
         """Part that the signal belongs to: the name before the dot."""
         return self.name.partition(".")[0]
 
+    @property
+    def is_switch(self) -> bool:
+        """Whether an input switches something; 1 is the safe side, as of a brake or a stop."""
+        return self.direction == "in" and self.unit == "-"
+
+    @property
+    def neutral(self) -> float:
+        """Value of an input while its part is neutral: a switch is on its safe side."""
+        return 1.0 if self.is_switch else self.idle
+
     def element_name(self, element: int) -> str:
         """Name of an element for people; "" where the declaration has none."""
         count = len(self.elements)

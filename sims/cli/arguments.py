@@ -237,6 +237,23 @@ def add_machine_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_bus_options(parser: argparse.ArgumentParser, use: str) -> None:
+    """Adds the choice of a bus for all parts of a machine.
+
+    Args:
+        parser: parser of the command.
+        use: what the command does with a bus, to stand before its name.
+    """
+    for kind, bus in (("lcm", "LCM"), ("ros2", "ROS 2")):
+        parser.add_argument(
+            f"--{kind}",
+            dest="bus",
+            action="store_const",
+            const=kind,
+            help=f"{use} {bus}, in place of the scenario's devices",
+        )
+
+
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a scenario, without the experiment's name."""
     parser.add_argument(

@@ -6,6 +6,7 @@ from pathlib import Path
 from parapod.sims.cli.arguments import (
     HELD,
     UsageError,
+    add_bus_options,
     add_machine_option,
     check_outputs,
     machine_of,
@@ -23,6 +24,7 @@ EXAMPLES = (
     "parapod bench-rt",
     "parapod bench-rt --of chair-walk --rates 100 --json punctual.json",
     "parapod bench-rt --backend hardware --log --settings",
+    "parapod bench-rt --backend hardware --ros2",
 )
 _BACKENDS = ("mock", "kinematic", "hardware")
 _RATES = (100.0, 200.0, 500.0)
@@ -51,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=_BACKENDS,
         help="backend of the station; hardware: emulated devices of its own; default mock",
     )
+    add_bus_options(parser, "drive all parts behind")
     parser.add_argument(
         "--log", action="store_true", help="measure with a log of all ports and without, in turns"
     )
@@ -92,6 +95,12 @@ def execute(arguments: argparse.Namespace) -> int:
             f"--backend {arguments.backend}: {machine.title} has {', '.join(machine.backends)}"
         )
     on_devices = arguments.backend == "hardware"
+    if arguments.bus and not on_devices:
+        raise UsageError(f"--{arguments.bus} needs --backend hardware, whose parts it drives")
+    if arguments.bus:
+        from parapod.diagrams.drivers.bus import parts_on_bus
+
+        scenario.hardware.drivers = parts_on_bus(machine.for_scenario(scenario), arguments.bus)
     usual = [1.0 / scenario.control.period] if on_devices else _RATES
     rates, seconds = arguments.rates or usual, arguments.seconds
     screen, aside = Console(), Console(stderr=True)

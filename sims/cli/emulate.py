@@ -8,6 +8,7 @@ from pathlib import Path
 
 from parapod.sims.cli.arguments import (
     HELD,
+    add_bus_options,
     add_scenario_arguments,
     check_outputs,
     load,
@@ -54,14 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "computer is found to follow, in a time that waits for programs that are late; 1: by the "
         "computer's own clock, as beside real devices",
     )
-    for kind, bus in (("lcm", "LCM"), ("ros2", "ROS 2")):
-        parser.add_argument(
-            f"--{kind}",
-            dest="bus",
-            action="store_const",
-            const=kind,
-            help=f"serve all parts on {bus}, in place of the scenario's devices",
-        )
+    add_bus_options(parser, "serve all parts on")
     parser.add_argument(
         "--for", dest="duration", type=float, metavar="S", help="end after this number of seconds"
     )

@@ -276,11 +276,11 @@ class EmulatedMachine:
         # Python's interpreter lock, and have a process each. An emulated time waits for them.
         groups = [[driver] for driver in drivers] if self.clock is None else [drivers]
         seed = self._scenario.seed
-        idle = {spec.name: spec.idle for spec in self.machine.inputs}
+        neutral = {spec.name: spec.neutral for spec in self.machine.inputs}
         try:
             with (
                 going_by(self.clock),
-                emulated_devices(groups, self._wires, self._sizes, idle, self._parts, seed),
+                emulated_devices(groups, self._wires, self._sizes, neutral, self._parts, seed),
             ):
                 yield
         finally:

@@ -209,7 +209,10 @@ def end_by_guard(
     """
     if guard is None or loop.machine.real.guard is None:
         return lambda now: None
-    idle = {spec.name: spec.idle for spec in loop.machine.inputs}
+    idle = {
+        spec.name: np.full((2, spec.size), [[spec.idle], [spec.neutral]])
+        for spec in loop.machine.inputs
+    }
     commands = loop.readings(root, frozenset(idle))
     has_acted = False
     parts = loop.station.behind.handle_as(Parts)
@@ -223,7 +226,10 @@ def end_by_guard(
     def check(now: float) -> None:
         nonlocal has_acted
         has_acted = has_acted or not all(
-            np.array_equal(read(), np.full_like(read(), idle[name]), equal_nan=True)
+            any(
+                np.array_equal(read(), np.full_like(read(), one), equal_nan=True)
+                for one in idle[name]
+            )
             for name, read in commands.items()
         )
         trip = guard.check(now, {name: read() for name, read in signals.items()})

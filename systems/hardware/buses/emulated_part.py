@@ -21,7 +21,8 @@ class EmulatedBusPart:
     | from the machine `<part>.<measurement>` | n | SI | its measurements |
 
     Misbehaviour: a part that is `off`, `intermittent` or `unplugged` publishes nothing and hears
-    nothing; `garbage` takes names out of its messages; anything else changes what it measures.
+    nothing, and is neutral once it has heard nothing for as long as that may last; `garbage` takes
+    names out of its messages; anything else changes what it measures.
     """
 
     def __init__(
@@ -69,14 +70,17 @@ class EmulatedBusPart:
             self._bus.close()
 
     def _run(self, served: ServedPart) -> None:
+        heard = monotonic()
         while not wait(self._over, 1.0 / self._rate):
             now = monotonic()
-            if not self._misbehaviour.answers(now):
-                continue
-            if self._commands:
-                for name, values in served.commands(now).items():
+            answers = self._misbehaviour.answers(now)
+            heard = now if answers else heard
+            if answers or now - heard > served.timeout:
+                commands = served.commands(now) if answers else served.idle
+                for name, values in commands.items():
                     self._harness.set(f"{self.part}.{name}", values)
-            self._publish(served, now)
+            if answers:
+                self._publish(served, now)
 
     def _publish(self, served: ServedPart, now: float) -> None:
         measured = {n: self._harness.get(f"{self.part}.{n}") for n in self._measures}

@@ -24,6 +24,8 @@ class ServedPart:
         status: channel of its status.
         sizes: signals of its status, and their sizes.
         inbox: commands as they come.
+        idle: commands while it is neutral.
+        timeout: age from which the newest command is too old [s].
         latched: fault that has made the part neutral, until its sender gives it up; None: none.
         is_neutral: true if the commands last asked for were those of a neutral part.
     """
@@ -55,9 +57,9 @@ class ServedPart:
         self._layout = Layout({**measures, **commands}, units, part)
         bus.advertise(self.status, self._layout)
         self.sizes = self._layout.sizes
-        self._idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
+        self.idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
         self.inbox = Inbox(command, Layout(commands, units, part), math.inf, timeout)
-        self._given_up = _GIVEN_UP * timeout
+        self.timeout = timeout
         self.latched: Problem | None = None
         self.is_neutral, self._has_begun = True, False
         if commands:
@@ -84,13 +86,13 @@ class ServedPart:
             problem = Problem(DeviceFault.FAILED, self._bus.stop)
         self.is_neutral = True
         if newest is None:
-            return self._idle
-        if not is_active(newest.message) or now - newest.arrived > self._given_up:
+            return self.idle
+        if not is_active(newest.message) or now - newest.arrived > _GIVEN_UP * self.timeout:
             self.latched, self._has_begun = None, False
-            return self._idle
+            return self.idle
         if problem is not None and self._has_begun:
             self.latched, self._has_begun = problem, False
         if problem is not None or self.latched is not None:
-            return self._idle
+            return self.idle
         self.is_neutral, self._has_begun = False, True
         return newest.signals

@@ -388,6 +388,18 @@ class EmulatedPlatformByTheClock(EmulatedPlatform):
     options = (*EmulatedPlatform.options, "--rate=1")
 
 
+class EmulatedPlatformOnLcm(EmulatedPlatformByTheClock):
+    """The platform with all its parts on LCM."""
+
+    options = (*EmulatedPlatformByTheClock.options, "--lcm")
+
+
+class EmulatedPlatformOnRos2(EmulatedPlatformByTheClock):
+    """The platform with all its parts on ROS 2."""
+
+    options = (*EmulatedPlatformByTheClock.options, "--ros2")
+
+
 class EmulatedDeploymentByTheClock(EmulatedPlatformByTheClock):
     """The platform where its operation begins."""
 
@@ -520,6 +532,8 @@ def emulate_for(emulators):
     """emulate_for(job) begins the `Emulator` of a job, in the computer's own time."""
     kinds = {
         "level": EmulatedPlatformByTheClock,
+        "lcm": EmulatedPlatformOnLcm,
+        "ros2": EmulatedPlatformOnRos2,
         "deploy": EmulatedDeploymentByTheClock,
         "walk": EmulatedChairByTheClock,
     }

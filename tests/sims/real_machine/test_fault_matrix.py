@@ -13,6 +13,7 @@ import subprocess
 import threading
 import time
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from parapod.sims.output.logs.files import read_log
 from parapod.systems.core.errors import OutputError
 from parapod.systems.hardware.emulation.harness import KINDS
 
-for library in ("nidaqmx", "grpc", "canopen", "can", "mcap"):
+for library in ("nidaqmx", "grpc", "canopen", "can", "mcap", "rclpy"):
     pytest.importorskip(library)
 
 pytestmark = [
@@ -54,7 +55,7 @@ class Job(NamedTuple):
     is_fresh: bool = True
 
 
-def level():
+def level(part=""):
     """Up and down, or down and up, so that legs move in each job."""
     waypoints = [
         f"{{time: {2.0 + 2.5 * k}, height_mm: {height - 477.0}}}"
@@ -64,11 +65,21 @@ def level():
         *("run", "level", "--backend", "hardware", "--set", "job.estimate_at=1.5"),
         f"job.waypoints=[{', '.join(waypoints)}]",
         *("job.arm={start: 0.5, duration: 0.5}", "job.settled_after=1.5", "job.end=8"),
+        *(
+            (
+                f"hardware.drivers=[{part.format('legs')}, {part.format('wheels')}, "
+                f"{part.format('imu')}, {part.format('arm')}]",
+            )
+            if part
+            else ()
+        ),
     )
 
 
 JOBS = {
     "level": Job(level, {"legs.voltage": 0.3}, is_fresh=False),
+    "lcm": Job(partial(level, "!LcmPart {{part: {}}}"), {"legs.voltage": 0.3}, is_fresh=False),
+    "ros2": Job(partial(level, "!Ros2Part {{part: {}}}"), {"legs.voltage": 0.3}, is_fresh=False),
     "deploy": Job(
         lambda: ("run", "deploy", "--backend", "hardware"),
         {"legs.voltage": 0.3, "wheels.velocity_command": 0.1},
@@ -117,6 +128,12 @@ CELLS = (
     *(Cell("level", "legs", kind) for kind in KINDS),
     *(Cell("level", "imu", kind, harmless=STANDS if kind in OLD else "") for kind in KINDS),
     *(Cell("level", "wheels", kind, harmless=IDLE if kind in LYING else "") for kind in KINDS),
+    *(
+        Cell(bus, part, kind, harmless=STANDS if part == "imu" and kind in OLD else "")
+        for bus in ("lcm", "ros2")
+        for part in ("legs", "imu")
+        for kind in KINDS
+    ),
     *(Cell("level", "drives", kind, bound=2.5) for kind in KINDS if kind != "unplugged"),
     Cell("level", "supply", "lost"),
     Cell("level", "emergency_stop", "pressed"),
@@ -211,12 +228,13 @@ class Work:
 
 @pytest.fixture(scope="module")
 def machines(emulate_for):
-    """machines(job): its machine, begun anew where that is needed."""
+    """machines(job): its machine, begun anew where that is needed; no other one runs beside it."""
     running = {}
 
     def get(name, afresh=False):
-        if (afresh or JOBS[name].is_fresh) and name in running:
-            running.pop(name).end()
+        for other in list(running):
+            if other != name or afresh or JOBS[name].is_fresh:
+                running.pop(other).end()
         if name not in running:
             running[name] = emulate_for(name)
         return running[name]
