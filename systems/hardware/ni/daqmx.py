@@ -4,7 +4,7 @@ import math
 import random
 import re
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -61,30 +61,53 @@ class NiRefusal(Exception):
         super().__init__(self.text)
 
 
-# Channels of a 6363 (its specifications): analog inputs and outputs, counters, lines of each port.
-_CHANNELS = {"ai": 32, "ao": OUTPUTS, "ctr": COUNTERS}
-_LINES = (32, 8, 8)
+# Channels of a 6363 (its specifications) and their kinds.
+_CHANNELS = {
+    f"{kind}{number}": kind
+    for kind, size in (("ai", 32), ("ao", OUTPUTS), ("ctr", COUNTERS))
+    for number in range(size)
+} | {
+    f"port{port}/line{number}": "line"
+    for port, size in enumerate((32, 8, 8))
+    for number in range(size)
+}
 
-# Range of its analog outputs [V]; ranges and resolution of its inputs, of which the driver takes
-# the smallest range that holds what is asked for [V, bit].
-_RANGE = 10.0
-_INPUT_RANGES, _INPUT_BITS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), 16
+# Ranges of its analog channels [V]: the outputs have the largest, and of those of the inputs the
+# driver takes the smallest that holds what is asked for; resolution of the inputs [bit].
+_RANGES, _INPUT_BITS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), 16
 # Random noise of an input, in steps of its converter (assumption): 0.3 mV in the range of 10 V.
 _NOISE = 1.0
-_BY_CHANNEL = 0  # nidaqmx.constants.FillMode
 
 # Cards with a watchdog: X Series (X Series User Manual, "Watchdog Timer"); M Series have none.
 _WITH_WATCHDOG = re.compile(r"-63\d\d")
 # Longest timeout of it [s] (ditto), and the one that never ends.
 _LONGEST_WATCHDOG, _NEVER = (2**32 - 1) * 8e-9, -1.0
-_RESET_TIMER, _CLEAR_EXPIRATION = 0, 1  # nidaqmx.constants.WDTTaskAction
-_RESERVE, _UNRESERVE = 4, 5  # nidaqmx.constants.TaskMode
 
-# The driver that is emulated: NI-DAQmx 2025 Q1.
+# Numbers of nidaqmx.constants: WDTTaskAction, TaskMode, FillMode, LengthUnits, Level, and
+# EncoderType with the edges that it counts.
+_CLEAR_EXPIRATION, _RESERVE, _UNRESERVE, _BY_CHANNEL, _METERS = 1, 4, 5, 0, 10219
+_LEVELS = {10192: True, 10214: False}
+_DECODINGS = {10090: 1, 10091: 2, 10092: 4}
+# SessionInitializationBehavior of session.proto.
+_NEW, _ATTACH = 1, 2
+
+# The driver that is emulated, by the attributes of its version: NI-DAQmx 2025 Q1.
 _VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}
 
 _COUNTS = 2**32
-_COUNTED_EDGES = {"X_1": 1, "X_2": 2, "X_4": 4}
+
+FUNCTIONS: dict[str, tuple[int, ...]] = {}
+"""The functions of the driver that are emulated: see `codecs`."""
+
+
+def _function[F: Callable[..., Any]](*numbers: int) -> Callable[[F], F]:
+    """Makes a method a function of the driver; numbers of its parameters in nidaqmx.proto."""
+
+    def declare(method: F) -> F:
+        FUNCTIONS[method.__name__] = numbers
+        return method
+
+    return declare
 
 
 @dataclass
@@ -108,8 +131,8 @@ class _Task:
 class NiCard:
     """The card and its driver.
 
-    The methods with names of the driver's functions take a request of the NI gRPC Device Server
-    and give the fields of its response. Tasks and outputs stay when a client goes.
+    The methods with names of the driver's functions take the fields of requests that matter here,
+    and give those of the responses; see `codecs`. Tasks and outputs stay when a client goes.
 
     **Watchdog.** One that expires sets its lines, which refuse writes until the expiration is
     cleared, by its task or by any other, or another is started; then they hold until they are
@@ -137,22 +160,27 @@ class NiCard:
         """Names of the tasks there are."""
         return tuple(self._tasks)
 
-    def call(self, function: str, request: Any) -> Mapping[str, Any]:
+    def call(self, function: str, arguments: Mapping[str, Any]) -> Any:
         """Calls a function of the driver.
 
         Args:
             function: its name, one of `FUNCTIONS`.
-            request: its arguments.
+            arguments: its arguments; instead of a task anything of the same `name`.
 
         Returns:
-            The fields of its response.
+            What it returns.
 
         Raises:
             NiRefusal: the driver refuses.
         """
         self.advance()
         with self._lock:
-            return getattr(self, function)(request)
+            if "task" in arguments:
+                name = arguments["task"].name
+                if name not in self._tasks:
+                    raise NiRefusal(-200088, Task_Name=name)
+                arguments = {**arguments, "task": self._tasks[name]}
+            return getattr(self, function)(**arguments)
 
     def advance(self) -> None:
         """Does what is due without a call: the watchdog expires, the button is pressed."""
@@ -162,29 +190,27 @@ class NiCard:
                 self._wiring.set_lines(self._guarded)
             self._wiring.follow()
 
-    def CreateTask(self, request: Any) -> Mapping[str, Any]:
-        """A task without channels, or the one of that name."""
+    @_function(1, 2)
+    def CreateTask(self, session_name: str, initialization_behavior: int) -> tuple[_Task, bool]:
+        """A task without channels, or the one of that name; whether it is new."""
         self._made += 1
-        name = request.session_name or f"_unnamedTask<{self._made}>"
-        new, attach = name not in self._tasks, request.initialization_behavior
-        if attach == 1 and not new:
+        name = session_name or f"_unnamedTask<{self._made}>"
+        is_new = name not in self._tasks
+        if initialization_behavior == _NEW and not is_new:
             raise NiRefusal(-200089, Task_Name=name)
-        if attach == 2 and new:
+        if initialization_behavior == _ATTACH and is_new:
             raise NiRefusal(-200088, Task_Name=name)
-        if new:
-            self._tasks[name] = _Task(name)
-        return {"task": {"name": name}, "new_session_initialized": new}
+        return self._tasks.setdefault(name, _Task(name)), is_new
 
-    def ClearTask(self, request: Any) -> Mapping[str, Any]:
+    @_function(1)
+    def ClearTask(self, task: _Task) -> None:
         """Removes a task; the outputs hold."""
-        task = self._task(request)
-        self._stop(task)
+        self.StopTask(task)
         del self._tasks[task.name]
-        return {}
 
-    def StartTask(self, request: Any) -> Mapping[str, Any]:
+    @_function(1)
+    def StartTask(self, task: _Task) -> None:
         """Reserves the channels of a task, and counts from the initial position on."""
-        task = self._task(request)
         for other in self._tasks.values():
             shared_channels = set(other.channels) & set(task.channels)
             if other.kind == task.kind == "ai":
@@ -199,142 +225,145 @@ class NiCard:
             self._restart(task)
         if task.kind == "ctr":
             self._wiring.start_counter(int(task.channels[0][3:]))
-        return {}
 
-    def StopTask(self, request: Any) -> Mapping[str, Any]:
-        """Gives the channels of a task back."""
-        self._stop(self._task(request))
-        return {}
+    @_function(1)
+    def StopTask(self, task: _Task) -> None:
+        """Gives the channels of a task back; a watchdog that has expired stays so."""
+        if task.kind == "watchdog" and task.is_running:
+            self._expires_at = math.inf
+        task.is_running = False
 
-    def TaskControl(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 3)
+    def TaskControl(self, task: _Task, action_raw: int) -> None:
         """Reserves a task that does not run, or no longer."""
-        if request.action_raw not in (_RESERVE, _UNRESERVE):
-            raise NiRefusal(-200077, Property="TaskControl", Requested_Value=request.action_raw)
-        self._task(request).is_reserved = request.action_raw == _RESERVE
-        return {}
+        if action_raw not in (_RESERVE, _UNRESERVE):
+            raise NiRefusal(-200077, Property="TaskControl", Requested_Value=action_raw)
+        task.is_reserved = action_raw == _RESERVE
 
-    def CreateWatchdogTimerTaskEx(self, request: Any) -> Mapping[str, Any]:
-        """A watchdog task without lines, or the one of that name."""
-        self._check_device(request.device_name)
+    @_function(1, 2, 3, 4)
+    def CreateWatchdogTimerTaskEx(
+        self, device_name: str, session_name: str, timeout: float, initialization_behavior: int
+    ) -> tuple[_Task, bool]:
+        """A watchdog task without lines, or the one of that name; whether it is new."""
+        self._check_device(device_name)
         if not _WITH_WATCHDOG.search(self._product):
             raise NiRefusal(-200662, Device=self._device)
-        is_time = 0.0 < request.timeout <= _LONGEST_WATCHDOG
-        if not is_time and request.timeout != _NEVER:
-            raise NiRefusal(-200668, Requested_Value=request.timeout)
-        watchdog_task = self.CreateTask(request)
-        if watchdog_task["new_session_initialized"]:
-            task = self._tasks[watchdog_task["task"]["name"]]
-            task.kind, task.timeout = "watchdog", request.timeout
-        return watchdog_task
+        if not 0.0 < timeout <= _LONGEST_WATCHDOG and timeout != _NEVER:
+            raise NiRefusal(-200668, Requested_Value=timeout)
+        task, is_new = self.CreateTask(session_name, initialization_behavior)
+        if is_new:
+            task.kind, task.timeout = "watchdog", timeout
+        return task, is_new
 
-    def CfgWatchdogDOExpirStates(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 2, 3)
+    def CfgWatchdogDOExpirStates(
+        self, task: _Task, channel_names: str, expir_state_array: list[int]
+    ) -> None:
         """Sets what lines become when the watchdog expires."""
-        task = self._watchdog(request)
-        levels = need("nidaqmx.constants").Level
-        states = {levels.HIGH.value: True, levels.LOW.value: False}
-        channels = self._channels(request.channel_names, "line")
-        if len(channels) != len(request.expir_state_array):
+        _require(task, "watchdog")
+        channels = self._channels(channel_names, "line")
+        if len(channels) != len(expir_state_array):
             raise NiRefusal(-200524, Task_Name=task.name)
-        if not set(request.expir_state_array) <= set(states):
+        if not _LEVELS.keys() >= set(expir_state_array):
             raise NiRefusal(-200077, Property="Watchdog.DO.ExpirState")
-        for channel, state in zip(channels, request.expir_state_array, strict=True):
-            task.states[channel] = states[state]
-        return {}
+        task.states.update(zip(channels, (_LEVELS[x] for x in expir_state_array), strict=True))
 
-    def ControlWatchdogTask(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 3)
+    def ControlWatchdogTask(self, task: _Task, action_raw: int) -> None:
         """Starts the timer of a watchdog anew, or unlocks its lines."""
-        task = self._watchdog(request)
-        if request.action_raw == _CLEAR_EXPIRATION:
+        _require(task, "watchdog")
+        if action_raw == _CLEAR_EXPIRATION:
             self._locked = frozenset()
         elif self._locked:
             raise NiRefusal(-200644, Task_Name=task.name)
         elif task.is_running:
             self._restart(task)
-        return {}
 
-    def GetWatchdogAttributeBool(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 4)
+    def GetWatchdogAttributeBool(self, task: _Task, attribute_raw: int) -> bool:
         """Whether it has expired."""
-        task = self._watchdog(request)
+        _require(task, "watchdog")
         if not task.is_running and not task.is_reserved:
             raise NiRefusal(-200983, Task_Name=task.name)
-        return _attribute(request, {0x21A8: bool(self._locked)})
+        return _attribute(attribute_raw, {0x21A8: bool(self._locked)})
 
-    def GetTaskAttributeString(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 3)
+    def GetTaskAttributeString(self, task: _Task, attribute_raw: int) -> str:
         """Its name and its channels."""
-        task = self._task(request)
         names = ", ".join(f"{self._device}/{channel}" for channel in task.channels)
-        return _attribute(request, {0x1276: task.name, 0x1273: names})
+        return _attribute(attribute_raw, {0x1276: task.name, 0x1273: names})
 
-    def GetTaskAttributeUInt32(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 3)
+    def GetTaskAttributeUInt32(self, task: _Task, attribute_raw: int) -> int:
         """The number of its channels."""
-        task = self._task(request)
         # Lines are one channel together.
         count = min(len(task.channels), 1) if task.kind in ("di", "do") else len(task.channels)
-        return _attribute(request, {0x2181: count})
+        return _attribute(attribute_raw, {0x2181: count})
 
-    def GetSystemInfoAttributeUInt32(self, request: Any) -> Mapping[str, Any]:
+    @_function(2)
+    def GetSystemInfoAttributeUInt32(self, attribute_raw: int) -> int:
         """The driver's version."""
-        return _attribute(request, _VERSION)
+        return _attribute(attribute_raw, _VERSION)
 
-    def GetDeviceAttributeString(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 3)
+    def GetDeviceAttributeString(self, device_name: str, attribute_raw: int) -> str:
         """The card's type."""
-        self._check_device(request.device_name)
-        return _attribute(request, {0x631: self._product})
+        self._check_device(device_name)
+        return _attribute(attribute_raw, {0x631: self._product})
 
-    def CreateAOVoltageChan(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 2, 4, 5)
+    def CreateAOVoltageChan(
+        self, task: _Task, physical_channel: str, min_val: float, max_val: float
+    ) -> None:
         """Adds analog outputs to a task."""
-        low, high = request.min_val, request.max_val
-        channels = self._channels(request.physical_channel, "ao")
-        if not low < high:
-            raise NiRefusal(-200082, Minimum=low, Maximum=high)
-        if low < -_RANGE or high > _RANGE:
-            raise NiRefusal(-200077, Property="AO.Max", Requested_Value=high)
-        task = self._add(request, "ao", channels)
-        task.low, task.high = low, high
-        return {}
+        self._add_voltages(task, "ao", physical_channel, min_val, max_val)
 
-    def CreateAIVoltageChan(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 2, 6, 7)
+    def CreateAIVoltageChan(
+        self, task: _Task, physical_channel: str, min_val: float, max_val: float
+    ) -> None:
         """Adds analog inputs to a task."""
-        low, high = request.min_val, request.max_val
-        channels = self._channels(request.physical_channel, "ai")
-        if not low < high:
-            raise NiRefusal(-200082, Minimum=low, Maximum=high)
-        if max(-low, high) > _INPUT_RANGES[-1]:
-            raise NiRefusal(-200077, Property="AI.Max", Requested_Value=high)
-        task = self._add(request, "ai", channels)
-        task.high = min(each for each in _INPUT_RANGES if each >= max(-low, high))
-        return {}
+        self._add_voltages(task, "ai", physical_channel, min_val, max_val)
+        task.high = min(each for each in _RANGES if each >= max(-min_val, max_val))
 
-    def CreateCILinEncoderChan(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 2, 5, 11, 12, 13)
+    def CreateCILinEncoderChan(
+        self,
+        task: _Task,
+        counter: str,
+        decoding_type_raw: int,
+        units_raw: int,
+        dist_per_pulse: float,
+        initial_pos: float,
+    ) -> None:
         """Adds a linear encoder to a task."""
-        constants = need("nidaqmx.constants")
-        channels = self._channels(request.counter, "ctr")
-        if len(channels) > 1 or self._task(request).channels:
-            raise NiRefusal(-200147, Task_Name=request.task.name)
-        decodings = {constants.EncoderType[name].value: n for name, n in _COUNTED_EDGES.items()}
-        if request.decoding_type_raw not in decodings:
+        channels = self._channels(counter, "ctr")
+        if len(channels) > 1 or task.channels:
+            raise NiRefusal(-200147, Task_Name=task.name)
+        if decoding_type_raw not in _DECODINGS:
             raise NiRefusal(-200077, Property="CI.Encoder.DecodingType")
-        if request.units_raw != constants.LengthUnits.METERS.value:
+        if units_raw != _METERS:
             raise NiRefusal(-200077, Property="CI.LinEncoder.Units")
-        task = self._add(request, "ctr", channels)
-        task.edges = decodings[request.decoding_type_raw]
-        task.distance, task.initial = request.dist_per_pulse, request.initial_pos
-        return {}
+        _add(task, "ctr", channels)
+        task.edges = _DECODINGS[decoding_type_raw]
+        task.distance, task.initial = dist_per_pulse, initial_pos
 
-    def CreateDIChan(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 2)
+    def CreateDIChan(self, task: _Task, lines: str) -> None:
         """Adds digital inputs to a task."""
-        self._add(request, "di", self._channels(request.lines, "line"))
-        return {}
+        _add(task, "di", self._channels(lines, "line"))
 
-    def CreateDOChan(self, request: Any) -> Mapping[str, Any]:
+    @_function(1, 2)
+    def CreateDOChan(self, task: _Task, lines: str) -> None:
         """Adds digital outputs to a task."""
-        self._add(request, "do", self._channels(request.lines, "line"))
-        return {}
+        _add(task, "do", self._channels(lines, "line"))
 
-    def WriteAnalogF64(self, request: Any) -> Mapping[str, Any]:
-        """Sets the analog outputs of a task."""
-        task = self._written(request, "ao", len(request.write_array))
-        for channel, volts in zip(task.channels, request.write_array, strict=True):
+    @_function(1, 3, 7)
+    def WriteAnalogF64(self, task: _Task, auto_start: bool, write_array: list[float]) -> int:
+        """Sets the analog outputs of a task; the number of samples of each."""
+        self._begin_to_write(task, "ao", len(write_array), auto_start)
+        values = dict(zip(task.channels, write_array, strict=True))
+        for channel, volts in values.items():
             if not task.low <= volts <= task.high:
                 raise NiRefusal(
                     -200561,
@@ -343,51 +372,46 @@ class NiCard:
                     Minimum=task.low,
                     Maximum=task.high,
                 )
-        self._wiring.set_outputs(dict(zip(task.channels, request.write_array, strict=True)))
-        return {"samps_per_chan_written": 1}
+        self._wiring.set_outputs(values)
+        return 1
 
-    def WriteDigitalLines(self, request: Any) -> Mapping[str, Any]:
-        """Sets the digital outputs of a task."""
-        task = self._written(request, "do", len(request.write_array))
+    @_function(1, 3, 7)
+    def WriteDigitalLines(self, task: _Task, auto_start: bool, write_array: bytes) -> int:
+        """Sets the digital outputs of a task; the number of samples of each."""
+        self._begin_to_write(task, "do", len(write_array), auto_start)
         if self._locked & set(task.channels):
             raise NiRefusal(-200678, Task_Name=task.name)
-        values = map(bool, request.write_array)
-        self._wiring.set_lines(dict(zip(task.channels, values, strict=True)))
-        return {"samps_per_chan_written": 1}
+        self._wiring.set_lines(dict(zip(task.channels, map(bool, write_array), strict=True)))
+        return 1
 
-    def ReadAnalogF64(self, request: Any) -> Mapping[str, Any]:
-        """Voltages of a task, sampled on demand: for each channel as many as are asked for."""
-        task, count = self._task(request), request.num_samps_per_chan
-        if task.kind != "ai":
-            raise NiRefusal(-200430, Task_Name=task.name)
-        if request.fill_mode_raw != _BY_CHANNEL:
-            raise NiRefusal(-200077, Property="FillMode", Requested_Value=request.fill_mode_raw)
-        scans = [self._converted(task) for _ in range(count)]
+    @_function(1, 2, 5)
+    def ReadAnalogF64(
+        self, task: _Task, num_samps_per_chan: int, fill_mode_raw: int
+    ) -> tuple[list[float], int]:
+        """Voltages of a task, sampled on demand, and how many of each channel."""
+        _require(task, "ai")
+        if fill_mode_raw != _BY_CHANNEL:
+            raise NiRefusal(-200077, Property="FillMode", Requested_Value=fill_mode_raw)
+        scans = [self._converted(task) for _ in range(num_samps_per_chan)]
         read = [scan[k] for k in range(len(task.channels)) for scan in scans]
-        return {"read_array": read, "samps_per_chan_read": count}
+        return read, num_samps_per_chan
 
-    def ReadDigitalLines(self, request: Any) -> Mapping[str, Any]:
-        """Digital inputs, a byte each, in the order of the task."""
-        task = self._task(request)
+    @_function(1)
+    def ReadDigitalLines(self, task: _Task) -> tuple[bytes, int, int]:
+        """Digital inputs, a byte each, in the order of the task; numbers of samples and bytes."""
         _, inputs = self._wiring.measure()
         read = bytes(inputs.get(channel, False) for channel in task.channels)
-        return {"read_array": read, "samps_per_chan_read": 1, "num_bytes_per_samp": len(read)}
+        return read, 1, len(read)
 
-    def ReadCounterScalarF64(self, request: Any) -> Mapping[str, Any]:
+    @_function(1)
+    def ReadCounterScalarF64(self, task: _Task) -> float:
         """Position of an encoder; a counter that does not run is where it begins."""
-        task = self._task(request)
         if not task.is_running:
-            return {"value": task.initial}
+            return task.initial
         counts, _ = self._wiring.measure()
         edges = counts[int(task.channels[0][3:])]
         pulses = (edges * task.edges // 4 + _COUNTS // 2) % _COUNTS - _COUNTS // 2
-        return {"value": task.initial + pulses * task.distance / task.edges}
-
-    def _task(self, request: Any) -> _Task:
-        task = self._tasks.get(request.task.name)
-        if task is None:
-            raise NiRefusal(-200088, Task_Name=request.task.name)
-        return task
+        return task.initial + pulses * task.distance / task.edges
 
     def _converted(self, task: _Task) -> list[float]:
         """Voltages of a task's analog inputs as the converter shows them; 0 V without a wire."""
@@ -397,22 +421,10 @@ class NiCard:
         largest = 2 ** (_INPUT_BITS - 1)
         return [step * min(max(round(each), -largest), largest - 1) for each in noisy]
 
-    def _watchdog(self, request: Any) -> _Task:
-        task = self._task(request)
-        if task.kind != "watchdog":
-            raise NiRefusal(-200635, Task_Name=task.name)
-        return task
-
     def _restart(self, task: _Task) -> None:
         """Starts the timer of a watchdog."""
         never = task.timeout == _NEVER
         self._expires_at = math.inf if never else monotonic() + task.timeout
-
-    def _stop(self, task: _Task) -> None:
-        """Stops a task; a watchdog that has expired stays so."""
-        if task.kind == "watchdog" and task.is_running:
-            self._expires_at = math.inf
-        task.is_running = False
 
     def _check_device(self, name: str) -> None:
         if name.lower() != self._device.lower():
@@ -429,53 +441,52 @@ class NiCard:
         return [self._channel(name, kind) for name in names]
 
     def _channel(self, name: str, kind: str) -> str:
-        device, _, channel = name.lower().partition("/")
-        self._check_device(name.partition("/")[0] if device else name)
-        match = re.fullmatch(r"(ai|ao|ctr)(\d+)|port(\d+)/(line)(\d+)", channel)
-        if match is None or int(match[2] or match[5]) >= self._size(match):
-            raise NiRefusal(-200170, Device=self._device, Physical_Channel_Name=channel)
-        if (match[1] or match[4]) != kind:
-            raise NiRefusal(-200430, Device=self._device, Physical_Channel_Name=channel)
+        device, _, channel = name.partition("/")
+        self._check_device(device or name)
+        channel = channel.lower()
+        if _CHANNELS.get(channel) != kind:
+            code = -200430 if channel in _CHANNELS else -200170
+            raise NiRefusal(code, Device=self._device, Physical_Channel_Name=channel)
         return channel
 
-    @staticmethod
-    def _size(match: re.Match[str]) -> int:
-        """Number of channels of a kind."""
-        if match[1]:
-            return _CHANNELS[match[1]]
-        port = int(match[3])
-        return _LINES[port] if port < len(_LINES) else 0
+    def _add_voltages(self, task: _Task, kind: str, text: str, low: float, high: float) -> None:
+        channels = self._channels(text, kind)
+        if not low < high:
+            raise NiRefusal(-200082, Minimum=low, Maximum=high)
+        if max(-low, high) > _RANGES[-1]:
+            raise NiRefusal(-200077, Property=f"{kind.upper()}.Max", Requested_Value=high)
+        _add(task, kind, channels)
+        task.low, task.high = low, high
 
-    def _add(self, request: Any, kind: str, channels: list[str]) -> _Task:
-        task = self._task(request)
-        if task.kind not in ("", kind):
-            raise NiRefusal(-200430, Task_Name=task.name)
-        if set(task.channels) & set(channels) or len(set(channels)) < len(channels):
-            raise NiRefusal(-200489, Task_Name=task.name)
-        task.kind = kind
-        task.channels += channels
-        return task
-
-    def _written(self, request: Any, kind: str, size: int) -> _Task:
-        """A task that may be written to."""
-        task = self._task(request)
-        if task.kind != kind:
-            raise NiRefusal(-200430, Task_Name=task.name)
+    def _begin_to_write(self, task: _Task, kind: str, size: int, auto_start: bool) -> None:
+        """Makes sure that a task can be written to, and runs."""
+        _require(task, kind)
         if size != len(task.channels):
             raise NiRefusal(-200524, Task_Name=task.name)
         if not task.is_running:
-            if not request.auto_start:
+            if not auto_start:
                 raise NiRefusal(-200846, Task_Name=task.name)
-            self.StartTask(request)
-        return task
+            self.StartTask(task)
 
 
-def _attribute(request: Any, values: Mapping[int, Any]) -> Mapping[str, Any]:
+def _require(task: _Task, kind: str) -> None:
+    """Refuses a task that is of something else."""
+    if task.kind != kind:
+        raise NiRefusal(-200635 if kind == "watchdog" else -200430, Task_Name=task.name)
+
+
+def _add(task: _Task, kind: str, channels: list[str]) -> None:
+    """Adds channels to a task."""
+    if task.kind:
+        _require(task, kind)
+    if set(task.channels) & set(channels) or len(set(channels)) < len(channels):
+        raise NiRefusal(-200489, Task_Name=task.name)
+    task.kind = kind
+    task.channels += channels
+
+
+def _attribute[T](number: int, values: Mapping[int, T]) -> T:
     """The value of an attribute."""
-    if request.attribute_raw not in values:
-        raise NiRefusal(-200197, Property=hex(request.attribute_raw))
-    return {"value": values[request.attribute_raw]}
-
-
-FUNCTIONS = tuple(name for name in vars(NiCard) if re.match("[A-Z]", name))
-"""The functions of the driver that are emulated."""
+    if number not in values:
+        raise NiRefusal(-200197, Property=hex(number))
+    return values[number]

@@ -2,6 +2,7 @@
 
 import threading
 from collections import Counter
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
@@ -10,9 +11,8 @@ from typing import Any, Self
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.clock import monotonic, sleep, wait
 from parapod.systems.hardware.ni.daqmx import FUNCTIONS, NiCard, NiRefusal
+from parapod.systems.hardware.ni.messages import SERVICE, Codec, codecs
 from parapod.systems.hardware.ni.terminals import NiWiring
-
-_SERVICE = "nidaqmx_grpc.NiDAQmx"
 
 # Time between two looks at whether it may answer, or whether its cable is in its place [s].
 _POLL = 0.002
@@ -59,12 +59,13 @@ class NiServer:
             MissingExtra: gRPC or the driver library is not installed.
         """
         self._grpc = need("grpc")
-        self._messages = need("nidaqmx._stubs.nidaqmx_pb2")
         self.wiring, self._misbehaviour = wiring, wiring.misbehaviour
         self.card = NiCard(wiring, device, product)
         self.calls: Counter[str] = Counter()
         self.target = f"unix:{path}"
-        self._handlers = {name: self._handler(name) for name in FUNCTIONS}
+        self._handlers = {
+            name: self._handler(name, codec) for name, codec in codecs(NiCard, FUNCTIONS).items()
+        }
         self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="ni-server")
         self._server: Any = None
         self._closing = threading.Event()
@@ -90,7 +91,7 @@ class NiServer:
         """The handler of a call, as gRPC asks for it; None: there is none."""
         service, _, function = details.method.lstrip("/").partition("/")
         self.calls[function] += 1
-        return self._handlers.get(function) if service == _SERVICE else None
+        return self._handlers.get(function) if service == SERVICE else None
 
     def _listen(self) -> None:
         self._server = self._grpc.server(self._pool)
@@ -112,22 +113,16 @@ class NiServer:
             elif self._server is None and not self._misbehaviour.is_unplugged:
                 self._listen()
 
-    def _handler(self, function: str) -> Any:
-        response = getattr(self._messages, f"{function}Response")
-
-        def answer(request: Any, context: Any) -> Any:
+    def _handler(self, function: str, codec: Codec) -> Any:
+        def answer(arguments: Mapping[str, Any], context: Any) -> Any:
             self._wait(context)
             try:
-                return response(**self.card.call(function, request))
+                return self.card.call(function, arguments)
             except NiRefusal as refusal:
                 context.set_trailing_metadata((("ni-error", str(refusal.code)),))
                 context.abort(self._grpc.StatusCode.UNKNOWN, refusal.text)
 
-        return self._grpc.unary_unary_rpc_method_handler(
-            answer,
-            request_deserializer=getattr(self._messages, f"{function}Request").FromString,
-            response_serializer=response.SerializeToString,
-        )
+        return self._grpc.unary_unary_rpc_method_handler(answer, codec.decode, codec.encode)
 
     def _wait(self, context: Any) -> None:
         """Waits until the card answers; ends the call if it never does."""

@@ -16,7 +16,6 @@ NO_DEVICES = {
     "distributed",
     "geometry_msgs",
     "mujoco",
-    "nidaqmx._stubs",
     "plotly",
     "pyarrow",
     "pygraphviz",

@@ -365,7 +365,7 @@ def test_outputs_hold_while_the_server_cannot_be_reached(card, misbehaviour, har
 
 
 def test_position_that_is_no_number_is_an_error(card, server, monkeypatch):
-    monkeypatch.setattr(server.card, "ReadCounterScalarF64", lambda _: {"value": math.nan})
+    monkeypatch.setattr(server.card, "ReadCounterScalarF64", lambda **_: math.nan)
     error = fails(card.read)
     assert error.fault is DeviceFault.CORRUPT
     assert "PXI1Slot2/ctr0 reads nan" in str(error)

@@ -1,15 +1,12 @@
 """Force cells at a card: what they show, and which voltages are no force."""
 
 import math
-import re
 import tempfile
 import time
-from types import SimpleNamespace
 
 import grpc
 import nidaqmx
 import pytest
-from nidaqmx.constants import FillMode
 from nidaqmx.error_codes import DAQmxErrors
 from nidaqmx.errors import DaqError
 
@@ -137,8 +134,7 @@ def test_voltage_that_is_not_a_number_is_told_with_cell_and_channel(bench, monke
 
 def test_samples_that_do_not_come_are_none_of_the_last_reading(bench, monkeypatch):
     bench.read()
-    less = {"read_array": [0.0], "samps_per_chan_read": 0}
-    monkeypatch.setattr(bench.server.card, "ReadAnalogF64", lambda request: less)
+    monkeypatch.setattr(bench.server.card, "ReadAnalogF64", lambda **_: ([0.0], 0))
     assert bench.fails().fault is DeviceFault.CORRUPT
 
 
@@ -212,14 +208,3 @@ def test_inputs_that_a_card_does_not_have_are_refused(task):
 def test_one_task_has_the_converter_while_it_runs(task, channel):
     task.ai_channels.add_ai_voltage_chan(f"PXI1Slot2/{channel}")
     assert refused(task.start) is DAQmxErrors.PAL_RESOURCE_RESERVED
-
-
-def test_samples_are_read_by_channel(bench, task):
-    request = SimpleNamespace(
-        task=SimpleNamespace(name=bench.server.card.tasks[0]),
-        num_samps_per_chan=1,
-        fill_mode_raw=FillMode.GROUP_BY_SCAN_NUMBER.value,
-    )
-    with pytest.raises(Exception, match="not a supported value") as caught:
-        bench.server.card.call("ReadAnalogF64", request)
-    assert re.search("FillMode", str(caught.value))

@@ -285,10 +285,10 @@ def test_card_without_a_watchdog_is_used_with_a_word(serve, drives_motors):
 def test_line_that_the_card_refuses_at_the_start_of_the_timer_is_said(server, monkeypatch):
     start = server.card.StartTask
 
-    def refuse(request):
-        if request.task.name.endswith("watchdog"):
+    def refuse(task):
+        if task.name.endswith("watchdog"):
             raise daqmx.NiRefusal(-200077, Property="Watchdog")
-        return start(request)
+        start(task)
 
     monkeypatch.setattr(server.card, "StartTask", refuse)
     with device(server) as card:
