@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from parapod.systems.core.switching import switched
-from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
 from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpired, begun
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
@@ -122,10 +121,7 @@ class NiDaq(IncrementalDevice):
         """Opens the connection, identifies the card, and leaves outputs neutral and relay open."""
         self.close()
         tasks = NiTasks(self._settings, self.name)
-        try:
-            tasks.begin(CONFIGURE_TIMEOUT)
-            tasks.open()
-            self._tasks = tasks
+        with tasks.opening(CONFIGURE_TIMEOUT):
             self._forget()
             # At power-up and after a reset the outputs are at 0 V, which is full speed.
             self._set_relay(tasks, False)
@@ -133,28 +129,23 @@ class NiDaq(IncrementalDevice):
             self._open_watchdog(tasks)
             if self._settings.extension_at_start is not None:
                 self._reference(tasks, self._settings.extension_at_start)
-        except BaseException:
-            self._tasks = None
-            tasks.begin(self._settings.timeout)
-            tasks.close()
-            raise
+        self._tasks = tasks
 
     def _set_reference(self, values: Sequence[float]) -> None:
         self._reference(self._begin(), values)
 
     def _contradiction(self) -> str:
         """See `IncrementalDevice`."""
-        settings, measured = self._settings, self.read()
-        tolerance = 1e-3 * settings.switch_tolerance_mm
-        for k, (name, end, sign) in enumerate(
-            (("extended", settings.extended_mm, 1.0), ("retracted", settings.retracted_mm, -1.0))
+        settings, measured, size = self._settings, self.read(), self._size
+        tolerance, limits = 1e-3 * settings.switch_tolerance_mm, measured["limits"]
+        for name, end, sign, switches in (
+            ("extended", settings.extended_mm, 1.0, limits[:size]),
+            ("retracted", settings.retracted_mm, -1.0, limits[size : 2 * size]),
         ):
-            switches = measured["limits"][k * self._size : (k + 1) * self._size]
-            if end is None or len(switches) < self._size:
+            if end is None or len(switches) < size:
                 continue
-            for i, (x, switch) in enumerate(
-                zip(measured["extension"], switches, strict=True), start=1
-            ):
+            rows = zip(measured["extension"], switches, strict=True)
+            for i, (x, switch) in enumerate(rows, start=1):
                 beyond = sign * (x - 1e-3 * end)
                 if abs(beyond) > tolerance and (switch > _SET) != (beyond > 0.0):
                     state = "closed" if switch > _SET else "open"
@@ -231,7 +222,11 @@ class NiDaq(IncrementalDevice):
         if self._is_active:
             self._reset_watchdog(tasks, _RESET_BY_WRITE)
         if self._has_expired:
-            raise WatchdogExpired(self.name, self._expired_words)
+            raise WatchdogExpired(
+                self.name,
+                "its watchdog has opened the relay, because nothing had reached the card for "
+                f"{self._settings.watchdog_timeout:g} s; until a stop, or another start",
+            )
 
     def neutral(self) -> None:
         """Makes the outputs neutral."""
@@ -253,15 +248,15 @@ class NiDaq(IncrementalDevice):
         tasks, self._tasks, self._is_active = self._tasks, None, False
         if tasks is None:
             return
-        tasks.begin(self._settings.timeout)
+        tasks.begin()
         with suppress(Exception):
             self._cut(tasks)
             self._disarm(tasks)
-        tasks.close(is_stopped=not self._is_armed)
+        tasks.close()
 
     def _begin(self) -> NiTasks:
         """The tasks, with the time of one call before them."""
-        return begun(self._tasks, self.name, self._settings.timeout)
+        return begun(self._tasks, self.name)
 
     def _forget(self) -> None:
         """Nothing is known of a card that was not spoken to."""
@@ -271,8 +266,7 @@ class NiDaq(IncrementalDevice):
         self._counts = [0] * self._size
         self._last = None
         self._is_pressed = self._is_latched = False
-        self._has_watchdog = self._is_armed = self._has_expired = False
-        self._reset_at = -math.inf
+        self._has_expired = False
 
     def _output(self, voltage: float) -> float:
         """The output voltage for one at the actuator [V]."""
@@ -327,24 +321,22 @@ class NiDaq(IncrementalDevice):
         """Prepares the card's watchdog, or remarks that there is none."""
         self.watchdog, self.remarks = "", []
         timeout = self._settings.watchdog_timeout
-        if tasks.had_expired:
+        if tasks.watchdog.had_expired:
             self._remark("the watchdog of an earlier program had opened the relay; it is cleared")
         if timeout == 0.0:
             self._remark("no watchdog of its own: watchdog_ms is 0")
             return
         try:
-            tasks.open_watchdog()
+            tasks.watchdog.open()
+            self.watchdog = f"without this program the card opens the relay within {timeout:g} s"
         except DeviceError as error:
             self._do_without(error)
-            return
-        self._has_watchdog = True
-        self.watchdog = f"without this program the card opens the relay within {timeout:g} s"
 
     def _do_without(self, error: DeviceError) -> None:
         """Goes on without a watchdog that was refused; not if nothing has answered."""
         if error.fault is not DeviceFault.FAILED:
             raise error
-        self._has_watchdog, self.watchdog = False, ""
+        self.watchdog = ""
         self._remark(f"no watchdog of its own: {error.words}")
 
     def _remark(self, text: str) -> None:
@@ -352,46 +344,31 @@ class NiDaq(IncrementalDevice):
 
     def _arm(self, tasks: NiTasks) -> None:
         """Arms the watchdog if there is one."""
-        if not self._has_watchdog:
+        if not self.watchdog:
             return
         try:
-            tasks.arm_watchdog()
+            tasks.watchdog.arm()
         except DeviceError as error:
             self._do_without(error)
-            return
-        self._is_armed, self._reset_at = True, monotonic()
 
     def _disarm(self, tasks: NiTasks) -> None:
         """Disarms the watchdog if it is armed; the relay is open before and afterwards."""
-        if not self._is_armed:
+        if not tasks.watchdog.is_armed:
             return
-        tasks.disarm_watchdog()
-        self._is_armed = self._has_expired = False
+        tasks.watchdog.disarm()
+        self._has_expired = False
         # The line was locked; what is written to it counts from now on.
         self._relay = None
         self._set_relay(tasks, False)
 
     def _reset_watchdog(self, tasks: NiTasks, share: float) -> None:
         """Starts the watchdog's timer anew if that is due; notes that it has run out."""
-        now = monotonic()
-        due = self._reset_at + share * self._settings.watchdog_timeout
-        if not self._is_armed or self._has_expired or now < due:
-            return
         try:
-            tasks.reset_watchdog()
+            if not self._has_expired:
+                tasks.watchdog.reset(share)
         except WatchdogExpired:
             self._relay, self._has_expired = False, True
             self._write_neutral(tasks)
-            return
-        self._reset_at = now
-
-    @property
-    def _expired_words(self) -> str:
-        timeout = self._settings.watchdog_timeout
-        return (
-            f"its watchdog has opened the relay, because nothing had reached the card for "
-            f"{timeout:g} s; until a stop, or another start"
-        )
 
     def _count(self, tasks: NiTasks) -> list[float]:
         """Reads the counters and follows them through their wrap; returns when [s]."""

@@ -54,14 +54,8 @@ class NiForceCells(Device):
         """See `Device`."""
         self.close()
         session = _CellSession(self._settings, self.name)
-        try:
-            session.begin(CONFIGURE_TIMEOUT)
-            session.open()
-        except BaseException:
-            session.begin(self._settings.timeout)
-            session.close()
-            raise
-        self._session = session
+        with session.opening(CONFIGURE_TIMEOUT):
+            self._session = session
 
     def read(self) -> Signals:
         """Forces of the cells.
@@ -69,7 +63,7 @@ class NiForceCells(Device):
         Raises:
             DeviceError: there are none, or a voltage does not belong to a force.
         """
-        session = begun(self._session, self.name, self._settings.timeout)
+        session = begun(self._session, self.name)
         rows = zip(self._cells, session.read().tolist(), strict=True)
         return {
             "force": [self._force(i, cell, volts) for i, (cell, volts) in enumerate(rows, start=1)]
@@ -93,21 +87,15 @@ class NiForceCells(Device):
         """Gives the card back; see `Device`."""
         session, self._session = self._session, None
         if session is not None:
-            session.begin(self._settings.timeout)
+            session.begin()
             session.close()
 
 
-class _CellSession(NiSession):
+class _CellSession(NiSession[NiForceCellSettings]):
     """The analog inputs of one card."""
 
-    def __init__(self, settings: NiForceCellSettings, name: str):
-        """See `NiSession`."""
-        super().__init__(settings, name)
-        self._settings = settings
-        self._volts = np.zeros((len(settings.cells), settings.samples))
-
     def _create(self) -> None:
-        settings = self._settings
+        settings = self.settings
         # By the part's name: what belongs to another device is not taken over.
         task = self._task(f"force_{settings.part}")
         task.ai_channels.add_ai_voltage_chan(
@@ -115,10 +103,11 @@ class _CellSession(NiSession):
         )
         self._inputs = self._readers.AnalogMultiChannelReader(task.in_stream)
         self._inputs.verify_array_shape = False  # it would ask the card each time
+        self._volts = np.zeros((len(settings.cells), settings.samples))
 
     def read(self) -> NDArray[np.float64]:
         """Voltages of the cells, a row each [V]."""
         self._volts.fill(math.nan)
-        with self._told():
-            self._inputs.read_many_sample(self._volts, self._settings.samples, self._waits)
+        with self.told():
+            self._inputs.read_many_sample(self._volts, self.settings.samples, self.waits)
         return self._volts

@@ -61,15 +61,11 @@ class NiRefusal(Exception):
         super().__init__(self.text)
 
 
-# Channels of a 6363 (its specifications) and their kinds.
+# Channels of a 6363 (its specifications), and the kind of each.
+_SIZES = {"ai": 32, "ao": OUTPUTS, "ctr": COUNTERS}
+_SIZES |= {"port0/line": 32, "port1/line": 8, "port2/line": 8}
 _CHANNELS = {
-    f"{kind}{number}": kind
-    for kind, size in (("ai", 32), ("ao", OUTPUTS), ("ctr", COUNTERS))
-    for number in range(size)
-} | {
-    f"port{port}/line{number}": "line"
-    for port, size in enumerate((32, 8, 8))
-    for number in range(size)
+    f"{name}{number}": name.rpartition("/")[2] for name in _SIZES for number in range(_SIZES[name])
 }
 
 # Ranges of its analog channels [V]: the outputs have the largest, and of those of the inputs the
@@ -90,9 +86,6 @@ _LEVELS = {10192: True, 10214: False}
 _DECODINGS = {10090: 1, 10091: 2, 10092: 4}
 # SessionInitializationBehavior of session.proto.
 _NEW, _ATTACH = 1, 2
-
-# The driver that is emulated, by the attributes of its version: NI-DAQmx 2025 Q1.
-_VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}
 
 _COUNTS = 2**32
 
@@ -222,7 +215,7 @@ class NiCard:
         if task.kind == "watchdog":
             self._locked = frozenset()
             self._guarded = dict(task.states)
-            self._restart(task)
+            self._expires_at = monotonic() + task.timeout
         if task.kind == "ctr":
             self._wiring.start_counter(int(task.channels[0][3:]))
 
@@ -252,7 +245,7 @@ class NiCard:
             raise NiRefusal(-200668, Requested_Value=timeout)
         task, is_new = self.CreateTask(session_name, initialization_behavior)
         if is_new:
-            task.kind, task.timeout = "watchdog", timeout
+            task.kind, task.timeout = "watchdog", math.inf if timeout == _NEVER else timeout
         return task, is_new
 
     @_function(1, 2, 3)
@@ -277,7 +270,7 @@ class NiCard:
         elif self._locked:
             raise NiRefusal(-200644, Task_Name=task.name)
         elif task.is_running:
-            self._restart(task)
+            self._expires_at = monotonic() + task.timeout
 
     @_function(1, 4)
     def GetWatchdogAttributeBool(self, task: _Task, attribute_raw: int) -> bool:
@@ -302,8 +295,8 @@ class NiCard:
 
     @_function(2)
     def GetSystemInfoAttributeUInt32(self, attribute_raw: int) -> int:
-        """The driver's version."""
-        return _attribute(attribute_raw, _VERSION)
+        """The driver's version: NI-DAQmx 2025 Q1."""
+        return _attribute(attribute_raw, {0x1272: 25, 0x1923: 0, 0x2F22: 0})
 
     @_function(1, 3)
     def GetDeviceAttributeString(self, device_name: str, attribute_raw: int) -> str:
@@ -365,12 +358,9 @@ class NiCard:
         values = dict(zip(task.channels, write_array, strict=True))
         for channel, volts in values.items():
             if not task.low <= volts <= task.high:
+                name = f"{self._device}/{channel}"
                 raise NiRefusal(
-                    -200561,
-                    Channel_Name=f"{self._device}/{channel}",
-                    Data=volts,
-                    Minimum=task.low,
-                    Maximum=task.high,
+                    -200561, Channel_Name=name, Data=volts, Minimum=task.low, Maximum=task.high
                 )
         self._wiring.set_outputs(values)
         return 1
@@ -421,11 +411,6 @@ class NiCard:
         largest = 2 ** (_INPUT_BITS - 1)
         return [step * min(max(round(each), -largest), largest - 1) for each in noisy]
 
-    def _restart(self, task: _Task) -> None:
-        """Starts the timer of a watchdog."""
-        never = task.timeout == _NEVER
-        self._expires_at = math.inf if never else monotonic() + task.timeout
-
     def _check_device(self, name: str) -> None:
         if name.lower() != self._device.lower():
             raise NiRefusal(-200220, Device_Specified=name, Suggested_Device=self._device)
@@ -438,16 +423,14 @@ class NiCard:
             raise NiRefusal(-200498, Requested_Value=text) from error
         if not names:
             raise NiRefusal(-200099)
-        return [self._channel(name, kind) for name in names]
-
-    def _channel(self, name: str, kind: str) -> str:
-        device, _, channel = name.partition("/")
-        self._check_device(device or name)
-        channel = channel.lower()
-        if _CHANNELS.get(channel) != kind:
-            code = -200430 if channel in _CHANNELS else -200170
-            raise NiRefusal(code, Device=self._device, Physical_Channel_Name=channel)
-        return channel
+        for name in names:
+            self._check_device(name.partition("/")[0] or name)
+        channels = [name.partition("/")[2].lower() for name in names]
+        for channel in channels:
+            if _CHANNELS.get(channel) != kind:
+                code = -200430 if channel in _CHANNELS else -200170
+                raise NiRefusal(code, Device=self._device, Physical_Channel_Name=channel)
+        return channels
 
     def _add_voltages(self, task: _Task, kind: str, text: str, low: float, high: float) -> None:
         channels = self._channels(text, kind)

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from parapod.systems.core.extras import need
@@ -76,12 +75,7 @@ class NiServer:
         self._watcher.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         self._watcher.join()
         self._hang_up()
@@ -122,7 +116,7 @@ class NiServer:
                 context.set_trailing_metadata((("ni-error", str(refusal.code)),))
                 context.abort(self._grpc.StatusCode.UNKNOWN, refusal.text)
 
-        return self._grpc.unary_unary_rpc_method_handler(answer, codec.decode, codec.encode)
+        return self._grpc.unary_unary_rpc_method_handler(answer, *codec)
 
     def _wait(self, context: Any) -> None:
         """Waits until the card answers; ends the call if it never does."""

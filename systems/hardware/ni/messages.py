@@ -1,47 +1,38 @@
-"""Messages of the NI gRPC Device Server, as they follow from the signatures of functions.
-
-The numbers of their fields are those of nidaqmx.proto and session.proto in the public repository
-ni/grpc-device. The messages are in a pool of their own, beside those of the driver library.
-"""
+"""Messages of the NI gRPC Device Server, as they follow from the signatures of functions."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from parapod.systems.core.extras import need
 
 SERVICE = "nidaqmx_grpc.NiDAQmx"
 
-# An enumeration is an int, and so is an unsigned number: below 2^31 they look alike on the wire.
+# Unsigned numbers and enumerations are an int, too: below 2^31 they look alike on the wire.
 _TYPES = {bool: "BOOL", bytes: "BYTES", float: "DOUBLE", int: "INT32", str: "STRING"}
 
-
-class Codec(NamedTuple):
-    """Translation of a function's messages.
-
-    Attributes:
-        decode: gives the arguments of a request by their names; a session has a `name`.
-        encode: gives the response of what is returned.
-    """
-
-    decode: Callable[[bytes], dict[str, Any]]
-    encode: Callable[[Any], bytes]
+type Codec = tuple[Callable[[bytes], dict[str, Any]], Callable[[Any], bytes]]
+"""Gives the arguments in a request, by their names; gives the response of a result."""
 
 
 def codecs(owner: type, functions: Mapping[str, tuple[int, ...]]) -> dict[str, Codec]:
     """Codecs of methods that are functions of the server.
 
+    They need no part of NI's library, and keep their messages apart from those of it.
+
     Args:
-        owner: class with a method of each function's name. Its parameters are fields of the
-            request; others of the request are skipped. It returns the fields of the response
-            behind the status, which is 0: none, one, or a tuple. A class that is no number, text
-            or list of them is that of a session.
-        functions: number of each parameter's field in the request, by function.
+        owner: class of the methods. Parameters are fields of the request, of which others are
+            skipped; what is returned is those of the response behind the status, which is 0:
+            None, one, or a tuple. Any class but numbers, texts and lists of these is a session,
+            which has a `name`.
+        functions: numbers of the parameters in the request, by function: nidaqmx.proto of the
+            public repository ni/grpc-device.
 
     Raises:
         MissingExtra: Protocol Buffers are not installed.
     """
-    protos = need("google.protobuf.descriptor_pb2")
-    file = protos.FileDescriptorProto(name="functions.proto", package="parapod", syntax="proto3")
+    file = need("google.protobuf.descriptor_pb2").FileDescriptorProto(
+        name="functions.proto", package="parapod", syntax="proto3"
+    )
 
     def declare(name: str, fields: Mapping[str, Any], numbers: Any) -> None:
         message = file.message_type.add(name=name)
@@ -56,21 +47,20 @@ def codecs(owner: type, functions: Mapping[str, tuple[int, ...]]) -> dict[str, C
                 type_name=".parapod.Session" if kind == "MESSAGE" else None,
             )
 
-    declare("Session", {"name": str}, (1,))
+    declare("Session", {"name": str}, (1,))  # session.proto
     for function, numbers in functions.items():
         hints = get_type_hints(getattr(owner, function))
         returned = hints.pop("return")
         results = get_args(returned) if get_origin(returned) is tuple else (returned,)
-        results = () if returned is type(None) else results
+        fields = {f"result{k}": hint for k, hint in enumerate(results) if hint is not type(None)}
         declare(f"{function}Request", hints, numbers)
-        answers = {f"result{k}": result for k, result in enumerate(results, start=2)}
-        declare(f"{function}Response", answers, range(2, 2 + len(results)))
+        declare(f"{function}Response", fields, range(2, 2 + len(fields)))
     pool = need("google.protobuf.descriptor_pool").DescriptorPool()
     pool.Add(file)
     factory = need("google.protobuf.message_factory")
     classes = factory.GetMessageClassesForFiles([file.name], pool)
     return {
-        name: _codec(*(classes[f"parapod.{name}{kind}"] for kind in ("Request", "Response")))
+        name: _codec(classes[f"parapod.{name}Request"], classes[f"parapod.{name}Response"])
         for name in functions
     }
 
@@ -82,11 +72,10 @@ def _codec(request: Any, response: Any) -> Codec:
 
     def encode(returned: Any) -> bytes:
         results = returned if isinstance(returned, tuple) else (returned,)
-        return response(
-            **{
-                field.name: {"name": result.name} if field.message_type else result
-                for field, result in zip(response.DESCRIPTOR.fields, results, strict=False)
-            }
-        ).SerializeToString()
+        fields = {
+            field.name: {"name": result.name} if field.message_type else result
+            for field, result in zip(response.DESCRIPTOR.fields, results, strict=False)
+        }
+        return response(**fields).SerializeToString()
 
-    return Codec(decode, encode)
+    return decode, encode

@@ -5,6 +5,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache, partial
 from typing import Any
 
 from parapod.systems.core.extras import need
@@ -56,39 +57,36 @@ class BoundedChannel:
 
     def unary_unary(self, *args: Any, **kwargs: Any) -> Callable[..., Any]:
         """See a gRPC channel; the call has a deadline."""
-        calls: list[Any] = []
+        # Made when first used: each task makes a stub of some 700 calls, and uses ten.
+        get = cache(partial(self._channel.unary_unary, *args, **kwargs))
 
         def call(request: Any, metadata: Any = None) -> Any:
-            # Made when first used: each task makes a stub of some 700 calls, and uses ten.
-            if not calls:
-                calls.append(self._channel.unary_unary(*args, **kwargs))
             time_left = max(self.until - time.monotonic(), 0.0)
-            return calls[0](request, timeout=time_left, metadata=metadata)
+            return get()(request, timeout=time_left, metadata=metadata)
 
         return call
 
-    def unary_stream(self, *args: Any, **kwargs: Any) -> Any:
-        """See a gRPC channel."""
-        return self._channel.unary_stream(*args, **kwargs)
-
-    def close(self) -> None:
-        """Ends the connection."""
-        self._channel.close()
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._channel, name)
 
 
 # Longest time to configure [s]; a driver that has to be loaded first takes seconds.
 CONFIGURE_TIMEOUT = 10.0
 
 
-class NiSession(ABC):
+class NiSession[S: NiCardSettings](ABC):
     """The tasks that a device has on its card, and the connection to that.
 
     Each task has a name, made of the card's and of its purpose. A server keeps the tasks of a
     client that is gone, and with them the channels; under its name a successor finds such a task
     and takes its place, so the machine can be stopped without a restart of the server.
+
+    Attributes:
+        settings: the channels, and how to reach them.
+        waits: longest time for the call that has begun [s].
     """
 
-    def __init__(self, settings: NiCardSettings, name: str):
+    def __init__(self, settings: S, name: str):
         """Creates what `open` will open.
 
         Args:
@@ -98,12 +96,12 @@ class NiSession(ABC):
         Raises:
             MissingExtra: the driver library is not installed.
         """
-        self._card, self._name, self._target = settings, name, settings.address
+        self.settings, self._name, self._target = settings, name, settings.address
         self._nidaqmx = need("nidaqmx")
         self._errors = need("nidaqmx.errors")
         self._readers = need("nidaqmx.stream_readers")
         self._tasks: list[Any] = []
-        self._waits = 0.0
+        self.waits = 0.0
         self._channel: BoundedChannel | None = None
         if self._target:
             grpc = need("grpc")
@@ -111,11 +109,27 @@ class NiSession(ABC):
             options = (*_CONNECTION, longest)
             self._channel = BoundedChannel(grpc.insecure_channel(self._target, options))
 
-    def begin(self, seconds: float) -> None:
-        """Begins a call of the device and limits the time of all that follows."""
-        self._waits = seconds
+    def begin(self, seconds: float | None = None) -> None:
+        """Begins a call of the device and limits the time of all that follows.
+
+        Args:
+            seconds: longest time [s]; None: that of the settings.
+        """
+        self.waits = self.settings.timeout if seconds is None else seconds
         if self._channel is not None:
-            self._channel.until = time.monotonic() + answer_time(seconds)
+            self._channel.until = time.monotonic() + answer_time(self.waits)
+
+    @contextmanager
+    def opening(self, seconds: float) -> Iterator[None]:
+        """Opens it before the body of a `with`, in a limited time; closes it if either fails."""
+        try:
+            self.begin(seconds)
+            self.open()
+            yield
+        except BaseException:
+            self.begin()
+            self.close()
+            raise
 
     def open(self) -> None:
         """Makes sure that it is the right card, and creates and starts its tasks.
@@ -123,7 +137,7 @@ class NiSession(ABC):
         Raises:
             DeviceError: it is not there, is another one, or refuses a channel.
         """
-        with self._told():
+        with self.told():
             self._identify()
             self._create()
             # Only a task that runs is quick to read and to write, and counts between the reads.
@@ -146,31 +160,29 @@ class NiSession(ABC):
 
     def _identify(self) -> None:
         system = need("nidaqmx.system")
-        device = system.Device(self._card.device, grpc_options=self._options(""))
-        product, expected = device.product_type, self._card.product
+        name, expected = self.settings.device, self.settings.product
+        product = system.Device(name, grpc_options=self.options("")).product_type
         if product != expected:
-            raise DeviceError(
-                self._name,
-                f"{self._card.device} is a {product}, not a {expected}",
-                DeviceFault.CORRUPT,
-            )
+            words = f"{name} is a {product}, not a {expected}"
+            raise DeviceError(self._name, words, DeviceFault.CORRUPT)
 
     def _task(self, role: str) -> Any:
         """A new task, without channels."""
-        name = f"parapod_{self._card.device}_{role}"
-        self._tasks.append(self._nidaqmx.Task(name, grpc_options=self._options(name)))
+        name = f"parapod_{self.settings.device}_{role}"
+        self._tasks.append(self._nidaqmx.Task(name, grpc_options=self.options(name)))
         if self._channel is not None and self._tasks[-1].number_of_channels:
             self._tasks[-1].close()
-            self._tasks[-1] = self._nidaqmx.Task(name, grpc_options=self._options(name))
+            self._tasks[-1] = self._nidaqmx.Task(name, grpc_options=self.options(name))
         return self._tasks[-1]
 
-    def _options(self, session: str) -> Any:
+    def options(self, session: str) -> Any:
+        """Options of the driver library for a session; None for a card in this computer."""
         if self._channel is None:
             return None
         return self._nidaqmx.GrpcSessionOptions(self._channel, session)
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def told(self) -> Iterator[None]:
         """Tells what the driver library raises as an error of the device."""
         try:
             yield
@@ -184,36 +196,28 @@ class NiSession(ABC):
             raise DeviceError(self._name, str(error), fault) from error
 
     def _lost(self, error: Any) -> DeviceError:
-        target = self._target
+        server, words, fault = "NI gRPC Device Server", str(error), DeviceFault.FAILED
         match getattr(error.rpc_code, "name", ""):
             case "UNAVAILABLE" | "CANCELLED":
-                return DeviceError(
-                    self._name,
-                    f"no NI gRPC Device Server can be reached at {target}",
-                    DeviceFault.UNPLUGGED,
-                )
+                words = f"no {server} can be reached at {self._target}"
+                fault = DeviceFault.UNPLUGGED
             case "DEADLINE_EXCEEDED":
-                return DeviceError(
-                    self._name,
-                    f"the NI gRPC Device Server at {target} did not answer "
-                    f"within {self._waits:g} s",
-                    DeviceFault.SILENT,
-                )
-        return DeviceError(self._name, str(error))
+                words = f"the {server} at {self._target} did not answer within {self.waits:g} s"
+                fault = DeviceFault.SILENT
+        return DeviceError(self._name, words, fault)
 
 
-def begun[S: NiSession](session: S | None, name: str, seconds: float) -> S:
+def begun[S: NiSession[Any]](session: S | None, name: str) -> S:
     """The session of a device that is configured, with the time of one call before it.
 
     Args:
         session: session of the device; None before it is configured.
         name: name of the card in errors.
-        seconds: longest time for the call [s].
 
     Raises:
         DeviceError: there is none.
     """
     if session is None:
         raise DeviceError(name, "is not configured", DeviceFault.UNPLUGGED)
-    session.begin(seconds)
+    session.begin()
     return session

@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from datetime import UTC, datetime
+from types import SimpleNamespace
 
 import pytest
 
@@ -188,18 +190,18 @@ def test_a_program_that_is_killed_leaves_the_old_or_the_new_extensions(path):
 class Tasks:
     """Counters, inputs and outputs of a card whose encoders turn when a test says so."""
 
-    had_expired = False
+    watchdog = SimpleNamespace(had_expired=False, is_armed=False, reset=lambda share: None)
 
     def __init__(self, settings, name):
         self.counts, self.relay, self.time = [0] * 4, None, 0.0
 
-    def begin(self, timeout):
+    def begin(self):
         self.time += 0.01
 
-    def open(self):
-        pass
+    def opening(self, seconds):
+        return nullcontext()
 
-    def close(self, is_stopped=True):
+    def close(self):
         pass
 
     def read_counters(self):

@@ -340,7 +340,7 @@ def test_every_timeout_that_may_be_asked_for_is_in_the_cards_range(server, watch
 )
 def test_library_says_by_these_numbers_that_it_has_expired(code):
     tasks = NiTasks(NiDaqSettings(target=""), "card")
-    with pytest.raises(WatchdogExpired), tasks._told():
+    with pytest.raises(WatchdogExpired), tasks.told():
         raise DaqError("words", code.value)
 
 
