@@ -6,7 +6,7 @@ from contextlib import suppress
 
 from parapod.systems.core.switching import switched
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpired, begun
+from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, WatchdogExpired
 from parapod.systems.hardware.ni.settings import NiDaqSettings, expand_channels
 from parapod.systems.hardware.ni.tasks import OUTPUT_MAX, OUTPUT_MIN, NiTasks
 from parapod.systems.hardware.position_memory import IncrementalDevice
@@ -256,7 +256,10 @@ class NiDaq(IncrementalDevice):
 
     def _begin(self) -> NiTasks:
         """The tasks, with the time of one call before them."""
-        return begun(self._tasks, self.name)
+        if self._tasks is None:
+            raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
+        self._tasks.begin()
+        return self._tasks
 
     def _forget(self) -> None:
         """Nothing is known of a card that was not spoken to."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, NiSession, begun
+from parapod.systems.hardware.ni.session import CONFIGURE_TIMEOUT, NiSession
 from parapod.systems.hardware.ni.settings import ForceCell, NiForceCellSettings
 
 # A voltage beyond this share of the range is at its end: the converter goes no further.
@@ -63,8 +63,10 @@ class NiForceCells(Device):
         Raises:
             DeviceError: there are none, or a voltage does not belong to a force.
         """
-        session = begun(self._session, self.name)
-        rows = zip(self._cells, session.read().tolist(), strict=True)
+        if self._session is None:
+            raise DeviceError(self.name, "is not configured", DeviceFault.UNPLUGGED)
+        self._session.begin()
+        rows = zip(self._cells, self._session.read().tolist(), strict=True)
         return {
             "force": [self._force(i, cell, volts) for i, (cell, volts) in enumerate(rows, start=1)]
         }

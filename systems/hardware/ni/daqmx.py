@@ -51,14 +51,12 @@ class NiRefusal(Exception):
 
     Attributes:
         code: number of the error.
-        text: its description.
     """
 
     def __init__(self, code: int, **details: object):
         self.code = code
         lines = "".join(f"\n{name.replace('_', ' ')}: {value}" for name, value in details.items())
-        self.text = f"{_TEXTS[code]}{lines}\n\nStatus Code: {code}"
-        super().__init__(self.text)
+        super().__init__(f"{_TEXTS[code]}{lines}\n\nStatus Code: {code}")
 
 
 # Channels of a 6363 (its specifications), and the kind of each.

@@ -114,7 +114,7 @@ class NiServer:
                 return self.card.call(function, arguments)
             except NiRefusal as refusal:
                 context.set_trailing_metadata((("ni-error", str(refusal.code)),))
-                context.abort(self._grpc.StatusCode.UNKNOWN, refusal.text)
+                context.abort(self._grpc.StatusCode.UNKNOWN, str(refusal))
 
         return self._grpc.unary_unary_rpc_method_handler(answer, *codec)
 

@@ -87,7 +87,7 @@ class NiSession[S: NiCardSettings](ABC):
     """
 
     def __init__(self, settings: S, name: str):
-        """Creates what `open` will open.
+        """Creates the connection, of which nothing is used yet.
 
         Args:
             settings: the channels, and how to reach them.
@@ -121,28 +121,29 @@ class NiSession[S: NiCardSettings](ABC):
 
     @contextmanager
     def opening(self, seconds: float) -> Iterator[None]:
-        """Opens it before the body of a `with`, in a limited time; closes it if either fails."""
+        """Makes sure that it is the right card, and creates and starts its tasks.
+
+        It is closed if that fails, or the body of the `with`.
+
+        Args:
+            seconds: longest time for all of that [s].
+
+        Raises:
+            DeviceError: it is not there, is another one, or refuses a channel.
+        """
         try:
             self.begin(seconds)
-            self.open()
+            with self.told():
+                self._identify()
+                self._create()
+                # Only one that runs is quick to read and to write, and counts between the reads.
+                for task in self._tasks:
+                    task.start()
             yield
         except BaseException:
             self.begin()
             self.close()
             raise
-
-    def open(self) -> None:
-        """Makes sure that it is the right card, and creates and starts its tasks.
-
-        Raises:
-            DeviceError: it is not there, is another one, or refuses a channel.
-        """
-        with self.told():
-            self._identify()
-            self._create()
-            # Only a task that runs is quick to read and to write, and counts between the reads.
-            for task in self._tasks:
-                task.start()
 
     @abstractmethod
     def _create(self) -> None:
@@ -205,19 +206,3 @@ class NiSession[S: NiCardSettings](ABC):
                 words = f"the {server} at {self._target} did not answer within {self.waits:g} s"
                 fault = DeviceFault.SILENT
         return DeviceError(self._name, words, fault)
-
-
-def begun[S: NiSession[Any]](session: S | None, name: str) -> S:
-    """The session of a device that is configured, with the time of one call before it.
-
-    Args:
-        session: session of the device; None before it is configured.
-        name: name of the card in errors.
-
-    Raises:
-        DeviceError: there is none.
-    """
-    if session is None:
-        raise DeviceError(name, "is not configured", DeviceFault.UNPLUGGED)
-    session.begin()
-    return session

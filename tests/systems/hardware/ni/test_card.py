@@ -428,6 +428,9 @@ def test_an_error_of_the_library_is_the_fault_that_its_name_says(monkeypatch, co
         raise DaqError(f"the library says {code.name}", code.value)
 
     monkeypatch.setattr(tasks, "_identify", identify)
-    with pytest.raises(DeviceError, match=f"card.*{code.name}") as caught:
-        tasks.open()
+    with (
+        pytest.raises(DeviceError, match=f"card.*{code.name}") as caught,
+        tasks.opening(PATIENCE),
+    ):
+        pass
     assert caught.value.fault is fault
