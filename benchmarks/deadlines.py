@@ -135,9 +135,18 @@ def driven(
     physics: str,
     duration: float,
     console: Console,
-    *options: str,
+    *of_emulator: str,
 ) -> Run:
-    """Drives a machine on emulated devices for a while, with a log; options are the emulator's."""
+    """Drives a machine on emulated devices for a while, with a log.
+
+    Args:
+        machine: the machine.
+        scenario: one of its scenarios.
+        physics: backend of the emulated machine.
+        duration: [s].
+        console: console for what happens.
+        of_emulator: further options of the emulator.
+    """
     timings: list[tuple[Timing, float]] = []
     ended = ""
 
@@ -145,7 +154,7 @@ def driven(
         timings.append((timing, time.monotonic()))
 
     # In the computer's own time, by which it is judged.
-    emulator = own_emulator(machine.experiment, "--rate=1", "--backend", physics, *options)
+    emulator = own_emulator(machine.experiment, "--rate=1", "--backend", physics, *of_emulator)
     with emulator, tempfile.TemporaryDirectory() as folder:
         loop = ClosedLoop(machine, scenario, log=())
         options = RunOptions(console=console, log=Path(folder, "log.mcap"))

@@ -242,7 +242,7 @@ def add_bus_options(parser: argparse.ArgumentParser, use: str) -> None:
 
     Args:
         parser: parser of the command.
-        use: what the command does with a bus, to stand before its name.
+        use: words before the name of the bus, for the help.
     """
     for kind, bus in (("lcm", "LCM"), ("ros2", "ROS 2")):
         parser.add_argument(

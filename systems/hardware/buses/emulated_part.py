@@ -70,12 +70,12 @@ class EmulatedBusPart:
             self._bus.close()
 
     def _run(self, served: ServedPart) -> None:
-        heard = monotonic()
+        last = monotonic()
         while not wait(self._over, 1.0 / self._rate):
             now = monotonic()
             answers = self._misbehaviour.answers(now)
-            heard = now if answers else heard
-            if answers or now - heard > served.timeout:
+            last = now if answers else last
+            if answers or now - last > served.timeout:
                 commands = served.commands(now) if answers else served.idle
                 for name, values in commands.items():
                     self._harness.set(f"{self.part}.{name}", values)
