@@ -6,7 +6,7 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from parapod.diagrams.wiring import outputs_of
-from parapod.systems.hardware.buses.address import address_of
+from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.controller import BusController
 
 # Longest wait for commands at an instant of a simulation, before its parts are neutral [s]: a
@@ -17,8 +17,7 @@ PATIENCE = 2.0
 def bus_controller(
     machine: Any,
     period: float,
-    address: str,
-    key: str,
+    address: Address,
     usual: System | None = None,
     sources: Sequence[System] = (),
     patience: float = PATIENCE,
@@ -28,21 +27,16 @@ def bus_controller(
     Args:
         machine: a `Machine`, as its scenario has it.
         period: period of its controllers [s].
-        address: address of the bus, see `address_of`.
-        key: key of the scenario, or option, that has the address.
+        address: address of the bus.
         usual: the machine's own controller, whose signals may be published; None: it has none.
         sources: sources of commands beside it.
         patience: see `BusController` [s].
-
-    Raises:
-        ScenarioError: another kind of bus.
     """
-    bus = address_of(address, key)
     job = {name: port.size() for each in sources for name, port in outputs_of(each).items()}
     commands = {port.name: port for port in machine.inputs if port.name not in job}
     own = {} if usual is None else outputs_of(usual)
     return BusController(
-        bus,
+        address,
         {port.name: port.size for port in machine.outputs},
         {name: port.size for name, port in commands.items()},
         {name: port.neutral for name, port in commands.items()},

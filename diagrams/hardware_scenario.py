@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from parapod.diagrams.drivers.adis16448 import Adis16448IioImu, Adis16448SpiImu
-from parapod.diagrams.drivers.bus import LcmPart, Ros2Part
+from parapod.diagrams.drivers.bus import LcmBus, LcmPart, Ros2Part, bus_named
 from parapod.diagrams.drivers.cia402 import (
     Epos2Axes,
     Epos2ForceSlides,
@@ -15,6 +15,7 @@ from parapod.diagrams.drivers.ni_daq import NiDaqEncoders, NiDaqForceCells, NiDa
 from parapod.diagrams.drivers.not_fitted import NotFittedPart
 from parapod.diagrams.drivers.sabertooth import SabertoothLegs
 from parapod.systems.core.schema import Schema
+from parapod.systems.hardware.buses.address import LCM, Address, address_of
 
 # Drivers that every machine's scenario can name, beside its own and those of other packages.
 DRIVERS = (
@@ -40,6 +41,37 @@ class HardwareScenario(Schema):
 
     Attributes:
         drivers: drivers of the machine's parts, chosen by their tags; see `Driver`.
+        lcm_buses: buses of LCM, which drivers and controllers may name.
     """
 
     drivers: list[Driver] = field(default_factory=list)
+    lcm_buses: list[LcmBus] = field(default_factory=list)
+
+    @property
+    def connected(self) -> list[Driver]:
+        """The drivers, each with the bus that it names.
+
+        Raises:
+            ScenarioError: there is none of that name.
+        """
+        return [
+            one.on_bus(bus_named(self.lcm_buses, one.lcm_bus, f"hardware.drivers.{i}.lcm_bus"))
+            if isinstance(one, LcmPart) and one.lcm_bus
+            else one
+            for i, one in enumerate(self.drivers)
+        ]
+
+    def address(self, text: str, key: str) -> Address:
+        """Address of a bus, as `address_of` has it, or the name of one of `lcm_buses`.
+
+        Args:
+            text: the address, such as "lcm://left" for a bus that is named left.
+            key: key of the scenario, or option, that has the text.
+
+        Raises:
+            ScenarioError: another kind, or a place that the kind does not have.
+        """
+        address = address_of(text, key)
+        name = text.partition("://")[2].partition("#")[0]
+        named = {bus.name: bus for bus in self.lcm_buses}
+        return named[name].address if address.kind == LCM and name in named else address

@@ -192,7 +192,8 @@ class Machine[S]:
             own, period = usual(self.scenario()), settings.control.period
             # The loop of a real machine never waits: old commands leave it neutral in time.
             patience = 0.0 if settings.backend == "hardware" else PATIENCE
-            return bus_controller(self, period, name, OWN, own, sources, patience)
+            address = settings.hardware.address(name, OWN)
+            return bus_controller(self, period, address, own, sources, patience)
         read = {port.name for port in self.inputs}.union(*map(inputs_of, sources))
         # Of the default scenario: limits of its settings are not those of another controller.
         outputs = [output for output in outputs_of(usual(self.scenario())) if output in read]
@@ -313,7 +314,7 @@ class Machine[S]:
         """Drivers of a scenario's `hardware.drivers`, with what follows from its machine."""
         settings: Any = scenario
         fittings = self.for_scenario(scenario).real.fittings
-        return [one.fitted(fittings.get(one.part, {})) for one in settings.hardware.drivers]
+        return [one.fitted(fittings.get(one.part, {})) for one in settings.hardware.connected]
 
     def unit(self, name: str) -> str:
         """Unit of a signal, by the name of its port.

@@ -1,12 +1,15 @@
 """Drivers of parts that another program serves on a bus: LCM, or ROS 2."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 from zlib import crc32
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated
-from parapod.systems.core.schema import quantity
+from parapod.systems.core.errors import ScenarioError
+from parapod.systems.core.quoting import quoted
+from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.buses.address import LCM, ROS2, Address, address_of
 
@@ -71,6 +74,45 @@ class _BusPart(Driver):
 
 
 @dataclass
+class LcmBus(Schema):
+    """A bus of LCM with a name; keys are those of Drake's `DrakeLcmParams`.
+
+    Attributes:
+        name: its name.
+        lcm_url: address of LCM, as Drake has it, such as udpm://239.255.76.67:7667?ttl=0; empty:
+            LCM's usual one, on this computer.
+        channel_suffix: end of the channels' names, of one machine of several.
+    """
+
+    name: str = "default"
+    lcm_url: str = ""
+    channel_suffix: str = ""
+
+    @property
+    def address(self) -> Address:
+        """Address of the bus."""
+        return Address(LCM, self.lcm_url, self.channel_suffix)
+
+
+def bus_named(buses: Sequence[LcmBus], name: str, key: str) -> LcmBus:
+    """The bus of a name.
+
+    Args:
+        buses: buses that there are.
+        name: the name.
+        key: key of the scenario that has it.
+
+    Raises:
+        ScenarioError: there is none.
+    """
+    named = {bus.name: bus for bus in buses}
+    if name not in named:
+        there = f"not one of {', '.join(named)}" if named else "of no bus: lcm_buses is empty"
+        raise ScenarioError(f"{key} = {quoted(name)} is {there}", key)
+    return named[name]
+
+
+@dataclass
 class LcmPart(_BusPart):
     """A part that another program serves on LCM, as `parapod serve --lcm` does: see `BusPart`.
 
@@ -78,11 +120,22 @@ class LcmPart(_BusPart):
         lcm_url: address of LCM, as Drake has it, such as udpm://239.255.76.67:7667?ttl=0; empty:
             LCM's usual one, on this computer.
         channel_suffix: end of the channels' names, of one machine of several.
+        lcm_bus: name of one of `hardware.lcm_buses`, whose address and suffix count in place of
+            these; empty: none.
     """
 
     key: ClassVar[str] = "lcm_url"
     lcm_url: str = "emulator/lcm"
     channel_suffix: str = ""
+    lcm_bus: str = ""
+
+    def on_bus(self, bus: LcmBus) -> Self:
+        """The driver with the address of a bus.
+
+        Args:
+            bus: the bus.
+        """
+        return replace(self, lcm_url=bus.lcm_url, channel_suffix=bus.channel_suffix)
 
     @property
     def _address(self) -> Address:

@@ -42,7 +42,7 @@ def serve(
     Args:
         machine: the machine.
         scenario: one of its scenarios; its job and its controller are left out.
-        address: address of the bus, see `address_of`.
+        address: address of the bus, see `HardwareScenario.address`.
         options: console for remarks, and file of the log.
         duration: duration [s].
 
@@ -57,7 +57,8 @@ def serve(
     one = machine.for_scenario(scenario)
     # Its signals, such as estimates, may come from the controller on the bus, and be logged.
     usual = one.controller(one.scenario())
-    controller = bus_controller(one, period, address, "the bus", usual, patience=0.0)
+    bus = scenario.hardware.address(address, "the bus")
+    controller = bus_controller(one, period, bus, usual, patience=0.0)
     loop = ClosedLoop(machine, scenario, controller=controller, sources=())
     until, what = min(duration, _FOREVER), f"{machine.experiment} on {controller.station.bus.name}"
 
