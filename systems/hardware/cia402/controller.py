@@ -22,9 +22,7 @@ from parapod.systems.hardware.cia402.set_up import (
     set_up_of,
 )
 from parapod.systems.hardware.cia402.settings import AxesSettings, Control
-from parapod.systems.hardware.clock import sleep
-from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import (
+from parapod.systems.hardware.cia402.states import (
     FAULT_RESET,
     Controlword,
     DriveState,
@@ -32,6 +30,8 @@ from parapod.systems.hardware.ds402 import (
     state_of,
     steps_to_operation,
 )
+from parapod.systems.hardware.clock import sleep
+from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.ethercat import EthercatBus
 
 type Bus = CanopenBus | EthercatBus

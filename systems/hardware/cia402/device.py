@@ -19,10 +19,10 @@ from parapod.systems.hardware.cia402.controller import (
 )
 from parapod.systems.hardware.cia402.set_up import check
 from parapod.systems.hardware.cia402.settings import AxesSettings
+from parapod.systems.hardware.cia402.states import Controlword, DriveState
 from parapod.systems.hardware.cia402.switches import SwitchBoard
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault, Signals
-from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.ethercat import EthercatBus
 from parapod.systems.hardware.position_memory import IncrementalDevice
 

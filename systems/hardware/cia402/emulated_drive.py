@@ -17,7 +17,7 @@ from parapod.systems.hardware.canopen import (
 from parapod.systems.hardware.cia402 import objects
 from parapod.systems.hardware.cia402.makers import EPOS2, Maker
 from parapod.systems.hardware.cia402.settings import Control
-from parapod.systems.hardware.ds402 import STATUSWORDS, DriveState, is_energised, obeyed
+from parapod.systems.hardware.cia402.states import STATUSWORDS, DriveState, is_energised, obeyed
 from parapod.systems.hardware.emulation.canopen_slave import (
     CanopenSlave,
     SlaveLine,

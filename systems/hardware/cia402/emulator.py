@@ -15,9 +15,9 @@ from parapod.systems.hardware.cia402.emulated_drive import (
     EmulatedMotor,
     MeasuredMotor,
 )
+from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.cia402.switches import SwitchGroup
 from parapod.systems.hardware.clock import computer_time, monotonic
-from parapod.systems.hardware.ds402 import DriveState
 from parapod.systems.hardware.emulation.canopen_slave import SlaveLine
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour, is_supplied
 from parapod.systems.hardware.emulation.slcan import SlcanPty

@@ -8,8 +8,8 @@ from parapod.systems.hardware.canopen import wrapped
 from parapod.systems.hardware.cia402.controller import Timing
 from parapod.systems.hardware.cia402.device import LONGEST, Cia402Device, unwrapped
 from parapod.systems.hardware.cia402.settings import AxesSettings
+from parapod.systems.hardware.cia402.states import Controlword
 from parapod.systems.hardware.clock import monotonic
-from parapod.systems.hardware.ds402 import Controlword
 
 # A measurement that is older tells nothing about where an axis is [s].
 _FRESH = 0.1

@@ -10,8 +10,8 @@ from parapod.systems.hardware.cia402.controller import Timing
 from parapod.systems.hardware.cia402.device import LONGEST, Cia402Device
 from parapod.systems.hardware.cia402.set_up import mode_of
 from parapod.systems.hardware.cia402.settings import AxesSettings
+from parapod.systems.hardware.cia402.states import Controlword
 from parapod.systems.hardware.clock import monotonic
-from parapod.systems.hardware.ds402 import Controlword
 
 
 class Steered(Cia402Device):

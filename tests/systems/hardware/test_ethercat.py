@@ -13,9 +13,9 @@ from parapod.systems.hardware.cia402.emulated_drive import Cia402Node, EmulatedM
 from parapod.systems.hardware.cia402.makers import MAKERS
 from parapod.systems.hardware.cia402.positions import Cia402Positions
 from parapod.systems.hardware.cia402.settings import GearSettings, PositionTurnSettings
+from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.cia402.velocities import Cia402Velocities
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import DriveState
 from parapod.systems.hardware.emulation.canopen_slave import SlaveLine
 from parapod.systems.hardware.emulation.harness import Misbehaviour
 from parapod.systems.hardware.ethercat import EthercatBus

@@ -9,8 +9,8 @@ from parapod.systems.hardware.cia402.device import unwrapped
 from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
 from parapod.systems.hardware.cia402.set_up import process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import GearSettings
+from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import DriveState
 
 RPM = 2.0 * math.pi / 60.0
 RESOLUTION = RPM / 26.0  # of a velocity at the wheel: whole rpm at the motor

@@ -10,8 +10,8 @@ from parapod.systems.hardware.cia402.device import together
 from parapod.systems.hardware.cia402.makers import EPOS2
 from parapod.systems.hardware.cia402.set_up import reports
 from parapod.systems.hardware.cia402.settings import GearSettings
+from parapod.systems.hardware.cia402.states import Controlword, DriveState
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import Controlword, DriveState
 
 NODE, INPUT = 2, 4
 STOP = {"stop_node": NODE, "stop_input": INPUT}

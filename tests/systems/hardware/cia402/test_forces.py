@@ -14,8 +14,8 @@ from parapod.systems.hardware.cia402.forces import ForceLimits
 from parapod.systems.hardware.cia402.makers import EPOS2
 from parapod.systems.hardware.cia402.set_up import process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import Control, ForceSlideSettings, TorqueSettings
+from parapod.systems.hardware.cia402.states import Controlword, DriveState
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import Controlword, DriveState
 
 SIGNS = (1, -1)
 PER_CURRENT, LARGEST = 100.0, 400.0  # [N/A], [N]

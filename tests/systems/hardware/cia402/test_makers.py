@@ -22,9 +22,9 @@ from parapod.systems.hardware.cia402.settings import (
     ScrewSettings,
     TorqueSettings,
 )
+from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.cia402.velocities import Cia402Velocities
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import DriveState
 
 GEAR = 26.0
 COUNT = 2.0 * math.pi / (2000.0 * GEAR)

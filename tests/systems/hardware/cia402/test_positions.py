@@ -14,8 +14,8 @@ from parapod.systems.hardware.cia402.emulated_drive import Cia402Node, EmulatedM
 from parapod.systems.hardware.cia402.makers import EPOS2
 from parapod.systems.hardware.cia402.set_up import process_data, set_up_of
 from parapod.systems.hardware.cia402.settings import Control, PositionScrewSettings
+from parapod.systems.hardware.cia402.states import Controlword, DriveState
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import Controlword, DriveState
 from parapod.systems.hardware.emulation.canopen_slave import SlaveLine
 from parapod.systems.hardware.emulation.harness import Misbehaviour
 

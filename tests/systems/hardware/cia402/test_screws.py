@@ -16,8 +16,8 @@ from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
 from parapod.systems.hardware.cia402.makers import EPOS2
 from parapod.systems.hardware.cia402.set_up import process_data, reports, set_up_of
 from parapod.systems.hardware.cia402.settings import ScrewSettings
+from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import DriveState
 from parapod.systems.hardware.soft_limits import SoftLimits
 
 AXES = 12

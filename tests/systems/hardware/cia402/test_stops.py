@@ -11,8 +11,8 @@ from parapod.diagrams.walking_chair.drivers import Epos2Legs
 from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED
 from parapod.systems.hardware.cia402 import device, objects
 from parapod.systems.hardware.cia402.controller import Timing, stopping_time
+from parapod.systems.hardware.cia402.states import Controlword, DriveState
 from parapod.systems.hardware.device import DeviceError, DeviceFault
-from parapod.systems.hardware.ds402 import Controlword, DriveState
 
 RUN = {"velocity_command": (2.0,) * 4, "brake": (0.0,)}
 

@@ -12,6 +12,7 @@ from parapod.systems.hardware.cia402.makers import EPOS2
 from parapod.systems.hardware.cia402.positions import Cia402Positions
 from parapod.systems.hardware.cia402.set_up import outputs_pdo, process_data, reports, set_up_of
 from parapod.systems.hardware.cia402.settings import AxesSettings, PositionScrewSettings
+from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.cia402.switches import (
     Switch,
     SwitchBoard,
@@ -19,7 +20,6 @@ from parapod.systems.hardware.cia402.switches import (
     switches_of_limbs,
 )
 from parapod.systems.hardware.device import DeviceError
-from parapod.systems.hardware.ds402 import DriveState
 
 LIMBS, LOCKS = 2, 8
 START = 0.7

@@ -1,6 +1,6 @@
 import pytest
 
-from parapod.systems.hardware.ds402 import (
+from parapod.systems.hardware.cia402.states import (
     FAULT_RESET,
     STATUSWORDS,
     Controlword,

@@ -46,55 +46,43 @@ STATUSWORDS = {
 }
 """The state bits of object 0x6041, all others zero."""
 
-# Bit 5 (quick stop) says nothing in the states that these four patterns tell.
+_STATES = {word: state for state, word in STATUSWORDS.items()}
+# Bit 5 (quick stop) says nothing in the states of these patterns.
+_COARSE = (0x0000, 0x0008, 0x000F, 0x0040)
 _WITHOUT_QUICK_STOP_BIT, _WITH_QUICK_STOP_BIT = 0x4F, 0x6F
-_COARSE = {
-    STATUSWORDS[state]: state
-    for state in (
-        DriveState.NOT_READY_TO_SWITCH_ON,
-        DriveState.SWITCH_ON_DISABLED,
-        DriveState.FAULT_REACTION_ACTIVE,
-        DriveState.FAULT,
-    )
-}
-_FINE = {word: state for state, word in STATUSWORDS.items() if word not in _COARSE}
 
 _ENERGISED = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
-_TO_OPERATION: tuple[Step, ...] = (
-    (Controlword.SHUTDOWN, DriveState.READY_TO_SWITCH_ON),
-    (Controlword.SWITCH_ON, DriveState.SWITCHED_ON),
-    (Controlword.ENABLE_OPERATION, DriveState.OPERATION_ENABLED),
-)
-_STEPS_DONE = {
-    DriveState.SWITCH_ON_DISABLED: 0,
-    DriveState.READY_TO_SWITCH_ON: 1,
-    DriveState.SWITCHED_ON: 2,
-    DriveState.QUICK_STOP_ACTIVE: 2,
-    DriveState.OPERATION_ENABLED: 3,
+# Next step towards operation, from each state from which a command leads there.
+_NEXT: dict[DriveState, Step] = {
+    DriveState.SWITCH_ON_DISABLED: (Controlword.SHUTDOWN, DriveState.READY_TO_SWITCH_ON),
+    DriveState.READY_TO_SWITCH_ON: (Controlword.SWITCH_ON, DriveState.SWITCHED_ON),
+    DriveState.SWITCHED_ON: (Controlword.ENABLE_OPERATION, DriveState.OPERATION_ENABLED),
+    DriveState.QUICK_STOP_ACTIVE: (Controlword.ENABLE_OPERATION, DriveState.OPERATION_ENABLED),
 }
 
-FAULT_RESET: tuple[Controlword, Controlword] = (
-    Controlword.DISABLE_VOLTAGE,
-    Controlword.FAULT_RESET,
-)
+FAULT_RESET = (Controlword.DISABLE_VOLTAGE, Controlword.FAULT_RESET)
 """Resets a fault: the drive obeys a rising edge of bit 7, so the bit must have been zero."""
 
 
 def state_of(statusword: int) -> DriveState | None:
     """The state that a statusword shows; None if it is none of CiA 402's patterns."""
-    coarse = _COARSE.get(statusword & _WITHOUT_QUICK_STOP_BIT)
-    return coarse or _FINE.get(statusword & _WITH_QUICK_STOP_BIT)
+    coarse = statusword & _WITHOUT_QUICK_STOP_BIT
+    return _STATES.get(coarse if coarse in _COARSE else statusword & _WITH_QUICK_STOP_BIT)
 
 
-def steps_to_operation(state: DriveState) -> tuple[Step, ...]:
-    """The commands that lead from a state to operation enabled, each with the state it leads to.
+def steps_to_operation(state: DriveState) -> list[Step]:
+    """The steps that lead from a state to operation enabled.
 
     Raises:
         ValueError: no command leads there, as in a fault, which has to be reset first.
     """
-    if state not in _STEPS_DONE:
-        raise ValueError(f"no command leads from {state} to operation enabled")
-    return _TO_OPERATION[_STEPS_DONE[state] :]
+    steps: list[Step] = []
+    while state is not DriveState.OPERATION_ENABLED:
+        if state not in _NEXT:
+            raise ValueError(f"no command leads from {state} to operation enabled")
+        steps.append(_NEXT[state])
+        state = _NEXT[state][1]
+    return steps
 
 
 def is_energised(state: DriveState | None) -> bool:
@@ -121,18 +109,12 @@ def obeyed(state: DriveState, previous: int, controlword: int) -> DriveState:
     if not controlword & 0x04:
         stopped = DriveState.QUICK_STOP_ACTIVE
         return stopped if is_energised(state) else DriveState.SWITCH_ON_DISABLED
-    return _obeyed_enabling(state, controlword)
-
-
-def _obeyed_enabling(state: DriveState, controlword: int) -> DriveState:
-    """The state after a controlword that neither disables the voltage nor stops quickly."""
     match state, controlword & Controlword.ENABLE_OPERATION:
-        case DriveState.QUICK_STOP_ACTIVE, Controlword.ENABLE_OPERATION:
-            return DriveState.OPERATION_ENABLED
-        case DriveState.QUICK_STOP_ACTIVE, _:
-            return state
-        case DriveState.SWITCH_ON_DISABLED, word:
-            is_shutdown = word & Controlword.SWITCH_ON == Controlword.SHUTDOWN
+        case DriveState.QUICK_STOP_ACTIVE, command:
+            is_enabled = command == Controlword.ENABLE_OPERATION
+            return DriveState.OPERATION_ENABLED if is_enabled else state
+        case DriveState.SWITCH_ON_DISABLED, command:
+            is_shutdown = command & Controlword.SWITCH_ON == Controlword.SHUTDOWN
             return DriveState.READY_TO_SWITCH_ON if is_shutdown else state
         case _, Controlword.ENABLE_OPERATION:
             # CiA 402 lets a drive pass "switched on" on the way.
