@@ -124,10 +124,6 @@ def mapping_of(pdos: Sequence[Pdo], node_id: int) -> Iterator[tuple[Entry, int]]
     """Entries that have a node send and obey these process data, and no others, in order.
 
     CiA 301 prescribes the order: each is not valid while it is set up.
-
-    Args:
-        pdos: all that are used.
-        node_id: address of the node.
     """
     used = {pdo.communication for pdo in pdos}
     for first, base in ((0x1400, 0x200), (0x1800, 0x180)):
@@ -160,14 +156,11 @@ class BufferedPort:
     that takes milliseconds of each cycle. Everything else is the port's own.
     """
 
-    def __init__(self, port: Any):
-        """Wraps a port.
+    __slots__ = ("_buffer", "_port")
 
-        Args:
-            port: port of pyserial, open.
-        """
-        self._port = port
-        self._buffer = bytearray()
+    def __init__(self, port: Any):
+        """Wraps a port of pyserial that is open."""
+        self._port, self._buffer = port, bytearray()
 
     def read(self, size: int = 1) -> bytes:
         """Up to `size` bytes; fewer if the port's timeout passes meanwhile."""
@@ -182,26 +175,6 @@ class BufferedPort:
         """Number of bytes that can be read at once."""
         return len(self._buffer) or self._port.in_waiting
 
-    @property
-    def timeout(self) -> float | None:
-        """Longest wait for a first byte [s]; None for ever."""
-        timeout: float | None = self._port.timeout
-        return timeout
-
-    @timeout.setter
-    def timeout(self, timeout: float | None) -> None:
-        self._port.timeout = timeout
-
-    @property
-    def write_timeout(self) -> float | None:
-        """Longest time for a write [s]; None for ever."""
-        timeout: float | None = self._port.write_timeout
-        return timeout
-
-    @write_timeout.setter
-    def write_timeout(self, timeout: float | None) -> None:
-        self._port.write_timeout = timeout
-
     def reset_input_buffer(self) -> None:
         """Forgets what has come and not been read."""
         self._buffer.clear()
@@ -209,6 +182,12 @@ class BufferedPort:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._port, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self.__slots__:
+            object.__setattr__(self, name, value)
+        else:
+            setattr(self._port, name, value)
 
 
 class CanopenBus:
@@ -246,10 +225,7 @@ class CanopenBus:
         self._thread: threading.Thread | None = None
 
     def open(self, options: Mapping[str, Any]) -> None:
-        """Opens the bus.
-
-        Args:
-            options: options of `can.Bus`.
+        """Opens the bus with these arguments of `can.Bus`.
 
         Raises:
             DeviceError: there is none.
@@ -263,7 +239,7 @@ class CanopenBus:
                 # second.
                 self._bus.serialPortOrig.timeout = _RECEIVE_CYCLE
         except (self._can.CanError, OSError, ValueError) as error:
-            raise self._unplugged(error) from error
+            raise unplugged(self._name, error) from error
         name = f"receive {self._name}"
         self._thread = threading.Thread(target=self._receive, name=name, daemon=True)
         self._thread.start()
@@ -289,14 +265,14 @@ class CanopenBus:
             DeviceError: the bus is gone.
         """
         if self._broken is not None or self._bus is None:
-            raise self._unplugged(self._broken)
+            raise unplugged(self._name, self._broken)
         message = self._can.Message(
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
         try:
             self._bus.send(message, timeout=answer_time(_SEND_TIMEOUT))
         except (self._can.CanError, OSError) as error:
-            raise self._unplugged(error) from error
+            raise unplugged(self._name, error) from error
 
     def get(self, node_id: int, entry: Entry) -> int:
         """The value of an entry of a node's object dictionary.
@@ -304,11 +280,8 @@ class CanopenBus:
         Raises:
             DeviceError: it does not answer, or refuses.
         """
-        try:
-            with self._service_data(node_id) as sdo:
-                return entry.unpack(sdo.upload(entry.index, entry.subindex))
-        except Exception as error:
-            raise self._refused(node_id, f"read {entry}", error) from error
+        with self._service(node_id, f"read {entry}") as sdo:
+            return entry.unpack(sdo.upload(entry.index, entry.subindex))
 
     def set(self, node_id: int, entry: Entry, value: int) -> None:
         """Writes an entry of a node's object dictionary.
@@ -316,11 +289,8 @@ class CanopenBus:
         Raises:
             DeviceError: it does not answer, or refuses.
         """
-        try:
-            with self._service_data(node_id) as sdo:
-                sdo.download(entry.index, entry.subindex, entry.pack(value))
-        except Exception as error:
-            raise self._refused(node_id, f"set {entry} to {value}", error) from error
+        with self._service(node_id, f"set {entry} to {value}") as sdo:
+            sdo.download(entry.index, entry.subindex, entry.pack(value))
 
     def beat(self) -> None:
         """Sends this computer's heartbeat."""
@@ -368,7 +338,7 @@ class CanopenBus:
         with awaiting_answer(timeout) as longest:
             frames = self._inbox.wait(longest)
         if self._broken is not None:
-            raise self._unplugged(self._broken)
+            raise unplugged(self._name, self._broken)
         return frames
 
     def emergency(self, node_id: int) -> int | None:
@@ -384,11 +354,23 @@ class CanopenBus:
         return sorted(self._network.scanner.nodes)
 
     @contextmanager
-    def _service_data(self, node_id: int) -> Iterator[Any]:
-        """Yields a node's service data, whose answers have their time from now on."""
+    def _service(self, node_id: int, what: str) -> Iterator[Any]:
+        """Yields a node's service data, whose answers have their time from now on.
+
+        Raises:
+            DeviceError: it does not answer, or refuses; names the node.
+        """
         sdo = self._nodes[node_id].sdo
-        with awaiting_answer(self.sdo_timeout) as sdo.RESPONSE_TIMEOUT:
-            yield sdo
+        try:
+            with awaiting_answer(self.sdo_timeout) as sdo.RESPONSE_TIMEOUT:
+                yield sdo
+        except DeviceError:
+            raise
+        except Exception as error:
+            if self._broken is not None:
+                raise unplugged(self._name, self._broken) from error
+            is_refusal = isinstance(error, self._aborted)
+            raise service_error(self._name, node_id, what, error, is_refusal) from error
 
     def _receive(self) -> None:
         while not self._closing.is_set():
@@ -408,22 +390,23 @@ class CanopenBus:
             with suppress(struct.error):
                 self._network.notify(message.arbitration_id, message.data, message.timestamp)
 
-    def _refused(self, node_id: int, what: str, error: Exception) -> DeviceError:
-        if isinstance(error, DeviceError):
-            return error
-        if self._broken is not None:
-            return self._unplugged(self._broken)
-        node = f"node {node_id}"
-        if isinstance(error, self._aborted):
-            return DeviceError(self._name, f"{node} refuses to {what}: {error}")
-        if isinstance(error, struct.error):
-            return DeviceError(self._name, f"{node}: {what}: {error}", DeviceFault.CORRUPT)
-        text = f"{node} does not answer ({what}: {error})"
-        return DeviceError(self._name, text, DeviceFault.SILENT)
 
-    def _unplugged(self, error: Exception | None) -> DeviceError:
-        text = "not open" if error is None else f"{type(error).__name__}: {error}"
-        return DeviceError(self._name, f"no bus: {text}", DeviceFault.UNPLUGGED)
+def service_error(
+    name: str, node_id: int, what: str, error: Exception, is_refusal: bool
+) -> DeviceError:
+    """Error of a request, as "read 0x6041:00", that a node refuses, garbles or does not answer."""
+    if is_refusal:
+        return DeviceError(name, f"node {node_id} refuses to {what}: {error}")
+    if isinstance(error, struct.error):
+        return DeviceError(name, f"node {node_id}: {what}: {error}", DeviceFault.CORRUPT)
+    text = f"node {node_id} does not answer ({what}: {error})"
+    return DeviceError(name, text, DeviceFault.SILENT)
+
+
+def unplugged(name: str, error: Exception | None) -> DeviceError:
+    """Error of a bus of this name that is gone by an error of its library; None: not open."""
+    text = "not open" if error is None else f"{type(error).__name__}: {error}"
+    return DeviceError(name, f"no bus: {text}", DeviceFault.UNPLUGGED)
 
 
 def _is_damaged_line(error: Exception) -> bool:

@@ -7,10 +7,11 @@ data assignment 0x1C12 and 0x1C13, states), and pysoem's documentation.
 import struct
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.canopen import NMT_START, Entry, Pdo
+from parapod.systems.hardware.canopen import NMT_START, Entry, Pdo, service_error, unplugged
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
@@ -57,26 +58,22 @@ class EthercatBus:
         self._codes: dict[int, int] = {}
 
     def open(self, options: Mapping[str, Any]) -> None:
-        """Opens a network interface and looks for slaves.
-
-        Args:
-            options: `channel`, the name of the interface.
+        """Opens the network interface that is the option `channel`, and looks for slaves.
 
         Raises:
-            DeviceError: the interface is missing, or may not be used; or it has too few
-                slaves.
+            DeviceError: the interface is missing, or may not be used; or it has too few slaves.
         """
         self._master = self._soem.Master()
         try:
             self._master.open(options["channel"])
             count = self._master.config_init()
         except (OSError, self._soem.PacketError, self._soem.WkcError) as error:
-            raise self._unplugged(error) from error
+            raise unplugged(self._name, error) from error
         if count < max(self._ids):
             text = f"{max(count, 0)} slaves on the ring, and node {max(self._ids)} is wanted"
             raise DeviceError(self._name, text, DeviceFault.SILENT)
         for node_id in self._ids:
-            self._slave(node_id).add_emergency_callback(self._noting(node_id))
+            self._slave(node_id).add_emergency_callback(partial(self._note, node_id))
 
     def close(self) -> None:
         """Ends the connection; never raises."""
@@ -162,21 +159,14 @@ class EthercatBus:
         """Nothing has to be said: all slaves answer each exchange."""
 
     def synchronise(self, expected: Collection[int], timeout: float) -> dict[int, bytes]:
-        """Exchanges process data.
-
-        Args:
-            expected: identifiers of the frames that are wanted, as on CANopen.
-            timeout: longest wait for them [s].
-
-        Returns:
-            What slaves that are operational have sent, by identifier.
+        """Exchanges process data: see `CanopenBus.synchronise`.
 
         Raises:
             DeviceError: the bus is gone, or slaves do not become operational.
         """
         if not self._is_operational:
             self._start()
-        silent = [] if self._exchange(timeout) else self._lagging()
+        silent = [] if self._exchange(timeout) else self._lagging(self._soem.OP_STATE)
         frames: dict[int, bytes] = {}
         for node_id, pdos in self._reports.items():
             data = b"" if node_id in silent else bytes(self._slave(node_id).input)
@@ -198,9 +188,7 @@ class EthercatBus:
         Raises:
             DeviceError: one stays behind.
         """
-        master, soem = self._master, self._soem
-        if master is None:
-            raise self._unplugged(None)
+        master, soem = self._opened(), self._soem
         try:
             master.config_map()
         except soem.ConfigMapError as error:
@@ -220,35 +208,32 @@ class EthercatBus:
                 sleep(_LOOK)
         self._is_operational = True
 
-    def _lagging(self, state: int | None = None) -> list[int]:
-        """Nodes that are not in a state; None: operational."""
-        state_wanted = self._soem.OP_STATE if state is None else state
+    def _lagging(self, state: int) -> list[int]:
+        """Nodes that are not in a state yet."""
         self._master.read_state()
-        return [i for i in self._ids if self._slave(i).state & 0x0F < state_wanted]
+        return [i for i in self._ids if self._slave(i).state & 0x0F < state]
 
     def _exchange(self, timeout: float = 0.01) -> bool:
         """Sends what all nodes are to obey and takes what they send; false: some did not."""
-        if self._master is None:
-            raise self._unplugged(None)
+        master = self._opened()
         for node_id, image in self._images.items():
             parts = (entry.pack(value) for entry, value in image.items())
             self._slave(node_id).output = b"".join(parts)
-        self._master.send_processdata()
-        answers = self._master.receive_processdata(round(_MICROSECONDS * timeout))
-        return bool(answers >= self._master.expected_wkc)
+        master.send_processdata()
+        answers = master.receive_processdata(round(_MICROSECONDS * timeout))
+        return bool(answers >= master.expected_wkc)
+
+    def _opened(self) -> Any:
+        if self._master is None:
+            raise unplugged(self._name, None)
+        return self._master
 
     def _slave(self, node_id: int) -> Any:
-        if self._master is None:
-            raise self._unplugged(None)
-        return self._master.slaves[node_id - 1]
+        return self._opened().slaves[node_id - 1]
 
-    def _noting(self, node_id: int) -> Callable[[Any], None]:
-        """Callback that keeps the code of an emergency; 0 takes it back."""
-
-        def note(emergency: Any) -> None:
-            self._codes[node_id] = emergency.error_code
-
-        return note
+    def _note(self, node_id: int, emergency: Any) -> None:
+        """Keeps the code of an emergency; 0 takes it back."""
+        self._codes[node_id] = emergency.error_code
 
     @contextmanager
     def _service(self, node_id: int, what: str) -> Iterator[Any]:
@@ -257,20 +242,12 @@ class EthercatBus:
         Raises:
             DeviceError: it does not answer, or refuses.
         """
-        soem, slave, node = self._soem, self._slave(node_id), f"node {node_id}"
+        soem, slave = self._soem, self._slave(node_id)
         timeout = round(_MICROSECONDS * self.sdo_timeout)
         self._master.sdo_read_timeout = self._master.sdo_write_timeout = timeout
+        silences = (soem.MailboxError, soem.PacketError, soem.WkcError)
         try:
             yield slave
-        except soem.SdoError as error:
-            raise DeviceError(self._name, f"{node} refuses to {what}: {error}") from error
-        except struct.error as error:
-            text = f"{node}: {what}: {error}"
-            raise DeviceError(self._name, text, DeviceFault.CORRUPT) from error
-        except (soem.MailboxError, soem.PacketError, soem.WkcError) as error:
-            text = f"{node} does not answer ({what}: {error})"
-            raise DeviceError(self._name, text, DeviceFault.SILENT) from error
-
-    def _unplugged(self, error: Exception | None) -> DeviceError:
-        text = "not open" if error is None else f"{type(error).__name__}: {error}"
-        return DeviceError(self._name, f"no bus: {text}", DeviceFault.UNPLUGGED)
+        except (soem.SdoError, struct.error, *silences) as error:
+            is_refusal = isinstance(error, soem.SdoError)
+            raise service_error(self._name, node_id, what, error, is_refusal) from error
