@@ -138,9 +138,9 @@ EPOS2 = Maker(
         Control.VELOCITY: (objects.PROFILE_VELOCITY,),
         # The maker's own, without a profile: the driver moves the set value no faster than the
         # axis may go.
-        Control.POSITION: (objects.place_mode(-1, Entry(0x2062, 0, "<i")),),
+        Control.POSITION: (Mode(-1, Entry(0x2062, 0, "<i"), is_place=True),),
         # The maker's own as well: the current [mA] is the only loop.
-        Control.FORCE: (objects.rate_mode(-3, Entry(0x2030, 0, "<h")),),
+        Control.FORCE: (Mode(-3, Entry(0x2030, 0, "<h")),),
     },
     resolution=(Entry(0x2210, 1, "<I"), 4),  # pulses, of which an edge detector makes four counts
     # Behind a low-pass of 50 Hz: unlike 0x6078, which is not filtered, it can be sampled at 100 Hz
@@ -194,10 +194,7 @@ _CYCLIC = {
     Control.FORCE: (objects.CYCLIC_TORQUE,),
 }
 _HOLDING = (objects.QUICK_STOP_OPTION, objects.QUICK_STOP_AND_HOLD)
-_UNITS = (
-    (objects.POSITION_UNIT, objects.COUNTS_UNIT),
-    (objects.VELOCITY_UNIT, objects.RPM_UNIT),
-)
+_UNITS = ((objects.POSITION_UNIT, objects.COUNTS_UNIT), (objects.VELOCITY_UNIT, objects.RPM_UNIT))
 _BOTH = (objects.MAX_VELOCITY, objects.MAX_MOTOR_VELOCITY)
 
 # Source: the maker's EDS file of an EPOS4 Module 50/5 (product 0x6150): indices, types, defaults

@@ -5,7 +5,8 @@ error codes. What a maker has of its own, or leaves out, is in `makers`.
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 from parapod.systems.hardware.canopen import ON_ARRIVAL, ON_SYNC, Entry, Pdo
 
@@ -65,22 +66,13 @@ _FRAME = 8
 
 
 def received(number: int, *entries: Entry) -> Pdo:
-    """Process data that a drive obeys on arrival.
-
-    Args:
-        number: number of the process data object, from 1.
-        entries: the objects that it carries.
-    """
+    """Process data object `number`, from 1, whose entries a drive obeys on arrival."""
     k = number - 1
     return Pdo(0x200 + 0x100 * k, 0x1400 + k, 0x1600 + k, ON_ARRIVAL, entries)
 
 
 def sent(entries: Iterable[Entry]) -> tuple[Pdo, ...]:
-    """Process data with which a drive answers SYNC: as few frames as their order allows.
-
-    Args:
-        entries: the objects that they carry.
-    """
+    """Process data with which a drive answers SYNC: as few frames as the entries' order allows."""
     frames: list[list[Entry]] = [[]]
     for entry in entries:
         if sum(each.size for each in (*frames[-1], entry)) > _FRAME:
@@ -92,50 +84,39 @@ def sent(entries: Iterable[Entry]) -> tuple[Pdo, ...]:
     )
 
 
-class Mode(NamedTuple):
+@dataclass(frozen=True)
+class Mode:
     """A mode of operation, and the process data that command it.
 
     Attributes:
         number: its number (0x6060).
-        command: controlword, and set value where that is zero with most controlwords.
-        target: set value alone, and its offset if there is one: a controlword with it would end
-            a quick stop of another origin.
+        setting: entry of the set value.
+        is_place: true if that is a place, and not zero where an axis is to stand: a controlword
+            comes without it then, as no order within a frame could make an axis jump.
+        offset: entry of what is fed forward; None: nothing is.
     """
 
     number: int
-    command: Pdo
-    target: Pdo
+    setting: Entry
+    is_place: bool = False
+    offset: Entry | None = None
 
-    @property
-    def setting(self) -> Entry:
-        """Entry of the set value."""
-        return self.target.entries[0]
+    @cached_property
+    def command(self) -> Pdo:
+        """Controlword, and the set value unless it is a place."""
+        return received(1, CONTROLWORD, *(() if self.is_place else (self.setting,)))
 
-    @property
-    def offset(self) -> Entry | None:
-        """Entry of what is fed forward; None: nothing is."""
-        return self.target.entries[1] if len(self.target.entries) > 1 else None
-
-
-def rate_mode(number: int, setting: Entry) -> Mode:
-    """Mode in which a set value of zero keeps an axis still: it may come with any controlword."""
-    return Mode(number, received(1, CONTROLWORD, setting), received(2, setting))
+    @cached_property
+    def target(self) -> Pdo:
+        """Set value and offset alone: a controlword would end a quick stop of another origin."""
+        return received(2, self.setting, *(() if self.offset is None else (self.offset,)))
 
 
-def place_mode(number: int, setting: Entry, offset: Entry | None = None) -> Mode:
-    """Mode whose set value is a place.
-
-    A controlword comes without one: no order within a frame could make an axis jump.
-    """
-    entries = (setting,) if offset is None else (setting, offset)
-    return Mode(number, received(1, CONTROLWORD), received(2, *entries))
-
-
-PROFILE_VELOCITY = rate_mode(3, TARGET_VELOCITY)
-CYCLIC_POSITION = place_mode(8, TARGET_POSITION)
-CYCLIC_POSITION_FED = place_mode(8, TARGET_POSITION, VELOCITY_OFFSET)
-CYCLIC_VELOCITY = rate_mode(9, TARGET_VELOCITY)
-CYCLIC_TORQUE = rate_mode(10, TARGET_TORQUE)
+PROFILE_VELOCITY = Mode(3, TARGET_VELOCITY)
+CYCLIC_POSITION = Mode(8, TARGET_POSITION, is_place=True)
+CYCLIC_POSITION_FED = Mode(8, TARGET_POSITION, is_place=True, offset=VELOCITY_OFFSET)
+CYCLIC_VELOCITY = Mode(9, TARGET_VELOCITY)
+CYCLIC_TORQUE = Mode(10, TARGET_TORQUE)
 
 HEARTBEAT_LOST, UNDERVOLTAGE, FOLLOWING_ERROR = 0x8130, 0x3220, 0x8611
 ERRORS = {
