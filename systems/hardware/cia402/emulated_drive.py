@@ -5,15 +5,11 @@ is; digital inputs and outputs; faults.
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 from parapod.systems.core.elementwise import clamp
-from parapod.systems.hardware.canopen import (
-    HEARTBEAT_CONSUMED,
-    HEARTBEAT_PRODUCED,
-    Entry,
-    wrapped,
-)
+from parapod.systems.hardware.canopen import HEARTBEAT_CONSUMED, HEARTBEAT_PRODUCED, Entry, wrapped
 from parapod.systems.hardware.cia402 import objects
 from parapod.systems.hardware.cia402.makers import EPOS2, Maker
 from parapod.systems.hardware.cia402.settings import Control
@@ -96,6 +92,8 @@ class Cia402Node:
     Attributes:
         state: state of the drive.
         measured: readings of its sensors.
+        position: position where the axis is to be in position mode [rad or m]: the set value while
+            operation is enabled, otherwise where the axis has stopped.
     """
 
     def __init__(
@@ -116,10 +114,11 @@ class Cia402Node:
         self._history: list[int] = []  # from the newest to the oldest error
         self._inputs, self._is_supplied = [False] * len(motor.maker.inputs.bits), True
         self._controlword, self._demand, self._stepped = 0, 0.0, -math.inf
-        self._position = switched_on_at
+        self.position = switched_on_at
         self._homing = 0  # bits of the statusword about a homing
         self._held_up = 0.0  # how long the motor has stood against its demand [s]
-        self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, self._miss_heartbeat)
+        lose = partial(self.trip, objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
+        self._slave = CanopenSlave(node_id, _defaults(node_id, motor), line, lose)
         self._slave.node.add_read_callback(self._on_read)
         self._slave.node.add_write_callback(self._on_write)
 
@@ -131,21 +130,14 @@ class Cia402Node:
         return self._motor.sign * self._demand * _RPM / self._motor.gear
 
     @property
-    def position(self) -> float:
-        """Position where the axis is to be in position mode [rad or m].
-
-        While operation is enabled that is the set value, otherwise where the axis has stopped.
-        """
-        return self._position
-
-    @property
     def force(self) -> float:
         """Force or torque of the axis [N or N m]; 0 unless it runs in a mode for that.
 
         Its velocity is not limited (assumption: the drive's own limit may not help).
         """
-        is_pushing = self._runs(Control.FORCE)
-        return self._motor.force_per_current * self._current if is_pushing else 0.0
+        if not self._runs(Control.FORCE):
+            return 0.0
+        return self._motor.force_per_current * self._current
 
     @property
     def outputs(self) -> tuple[bool, ...]:
@@ -164,21 +156,11 @@ class Cia402Node:
         return tuple(bool(state >> slave.get(entry) & 1) for entry in pins.function)
 
     def hear(self, can_id: int, now: float) -> None:
-        """Takes note of a frame that may be the master's heartbeat.
-
-        Args:
-            can_id: its identifier.
-            now: the time [s].
-        """
+        """Takes note of a frame at a time [s], which may be the master's heartbeat."""
         self._slave.hear(can_id, now)
 
     def trip(self, code: int, register: int = _GENERIC) -> None:
-        """Makes the drive fail.
-
-        Args:
-            code: code of the error.
-            register: bits of the error register.
-        """
+        """Makes the drive fail, with the code of an error and bits of the error register."""
         if self.state is DriveState.FAULT:
             return
         self.state = DriveState.FAULT_REACTION_ACTIVE
@@ -197,31 +179,19 @@ class Cia402Node:
             self.state, self._demand = DriveState.FAULT, 0.0
 
     def connect(self, number: int, has_voltage: bool) -> None:
-        """Puts voltage to a digital input, or takes it away.
-
-        Args:
-            number: number of the input, from 1.
-            has_voltage: true if there is voltage.
-        """
+        """Puts voltage to the digital input of a number, from 1, or takes it away."""
         self._inputs[number - 1] = has_voltage
-
-    @property
-    def _speed_limits(self) -> tuple[Entry, ...]:
-        """Entries of the largest velocity of a profile, in the drive's unit."""
-        limits = self._maker.speed_limits.get(Control.VELOCITY, ())
-        return tuple(entry for entry in limits if entry != objects.MAX_MOTOR_VELOCITY)
 
     @property
     def _functions(self) -> int:
         """State of the digital inputs: of an EPOS2, of their functionalities."""
         pins, slave = self._maker.inputs, self._slave
-        pairs = list(enumerate(self._inputs, start=1))
         if pins is not EPOS2.inputs:
-            return sum(pins.mask(number) for number, has_voltage in pairs if has_voltage)
+            return sum(pins.mask(k) for k, is_on in enumerate(self._inputs, start=1) if is_on)
         mask, polarity = slave.get(pins.ones[0]), slave.get(pins.zeros[0])
         active = 0
-        for number, has_voltage in pairs:
-            bit = 1 << slave.get(pins.function[number - 1])
+        for function, has_voltage in zip(pins.function, self._inputs, strict=True):
+            bit = 1 << slave.get(function)
             active |= bit if has_voltage != bool(polarity & bit) else 0
         return active & mask
 
@@ -231,14 +201,16 @@ class Cia402Node:
         elapsed = max(0.0, now - self._stepped) if math.isfinite(self._stepped) else 0.0
         self._stepped = now
         self._demand = self._ramped(elapsed)
-        self._position = self._led(elapsed)
-        self._held_up = self._held_up + elapsed if self._is_held_up else 0.0
+        self.position = self._led(elapsed)
+        stands = abs(self._rpm) < _STANDING * abs(self._demand)
+        self._held_up = self._held_up + elapsed if stands and abs(self._demand) >= 1.0 else 0.0
         if self._has_quick_stop and is_energised(self.state):
             self.state = DriveState.QUICK_STOP_ACTIVE
         if self.state is DriveState.FAULT_REACTION_ACTIVE and self._demand == 0.0:
             self.state = DriveState.FAULT
-        error = abs(self._position - self.measured.position)
-        if self._is_led and error > self._way(self._slave.get(objects.MAX_FOLLOWING_ERROR)):
+        error = abs(self.position - self.measured.position)
+        largest = self._way(self._slave.get(objects.MAX_FOLLOWING_ERROR))
+        if error > largest and self._runs(Control.POSITION):
             self.trip(objects.FOLLOWING_ERROR)
 
     @property
@@ -249,11 +221,6 @@ class Cia402Node:
             return False
         stops = self._slave.written(pins.zeros[1]) & 1 << pins.quick_stop
         return bool(stops and stops & self._functions)
-
-    @property
-    def _is_led(self) -> bool:
-        """Whether the axis follows set values of its position."""
-        return self._runs(Control.POSITION)
 
     def _runs(self, control: Control) -> bool:
         """Whether the drive runs in a mode for what is commanded."""
@@ -277,12 +244,10 @@ class Cia402Node:
     def _led(self, elapsed: float) -> float:
         """Position that is demanded next: the set value, or where a stop leads [rad or m]."""
         motor = self._motor
-        if self._is_led:
-            setting = self._setting(Control.POSITION)
-            return self._zero + motor.sign * self._way(
-                wrapped(setting - motor.position_offset, 32)
-            )
-        return self._position + motor.sign * self._demand * _RPM / motor.gear * elapsed
+        if self._runs(Control.POSITION):
+            counts = wrapped(self._setting(Control.POSITION) - motor.position_offset, 32)
+            return self._zero + motor.sign * self._way(counts)
+        return self.position + motor.sign * self._demand * _RPM / motor.gear * elapsed
 
     @property
     def _rpm(self) -> float:
@@ -290,42 +255,41 @@ class Cia402Node:
         return self._motor.sign * self.measured.velocity * self._motor.gear / _RPM
 
     @property
-    def _is_held_up(self) -> bool:
-        """Whether the motor stands although it should turn."""
-        return abs(self._demand) >= 1.0 and abs(self._rpm) < _STANDING * abs(self._demand)
-
-    @property
     def _current(self) -> float:
         """Current of the motor [A], up to the limit, which one that is held up soon has."""
-        maker, is_torque = self._maker, self._maker.rated_current is not None
+        maker = self._maker
         raw = self._slave.get(maker.current_limit)
         limit = 1e-3 * self._milliamperes(raw, maker.is_relative)
         if self._held_up > _WINDING_UP:
             return self._motor.sign * math.copysign(limit, self._demand)
         current = self.measured.current
         if self._runs(Control.FORCE):
+            is_torque = maker.rated_current is not None
             setting = self._milliamperes(self._setting(Control.FORCE), is_torque)
             current = 1e-3 * self._motor.sign * setting
         return float(clamp(current, -limit, limit))
 
     def _ramped(self, elapsed: float) -> float:
         """Velocity of the motor that is demanded next [rpm]."""
-        if self._is_led:
+        slave = self._slave
+        if self._runs(Control.POSITION):
             return self._rpm  # with which a stop begins
         if self.state is DriveState.OPERATION_ENABLED:
             if not self._runs(Control.VELOCITY):
                 return 0.0
-            goal = self._slave.get(objects.TARGET_VELOCITY) / self._per_rpm
-            limit = min(
-                (self._slave.get(e) / self._per_rpm for e in self._speed_limits), default=math.inf
-            )
-            target = float(clamp(goal, -limit, limit))
-            if self._slave.get(objects.MODE) == objects.CYCLIC_VELOCITY.number:
+            limits = [
+                slave.get(entry) / self._per_rpm
+                for entry in self._maker.speed_limits.get(Control.VELOCITY, ())
+                if entry != objects.MAX_MOTOR_VELOCITY
+            ]
+            limit, goal = min(limits, default=math.inf), slave.get(objects.TARGET_VELOCITY)
+            target = float(clamp(goal / self._per_rpm, -limit, limit))
+            if slave.get(objects.MODE) == objects.CYCLIC_VELOCITY.number:
                 return target
             faster = abs(target) > abs(self._demand)
-            rate = self._slave.get(objects.ACCELERATION if faster else objects.DECELERATION)
+            rate = slave.get(objects.ACCELERATION if faster else objects.DECELERATION)
         elif is_energised(self.state) or self.state is DriveState.FAULT_REACTION_ACTIVE:
-            target, rate = 0.0, self._slave.get(objects.QUICK_STOP_DECELERATION)
+            target, rate = 0.0, slave.get(objects.QUICK_STOP_DECELERATION)
         else:
             return 0.0
         step = rate / self._per_rpm * elapsed
@@ -342,17 +306,11 @@ class Cia402Node:
             self._zero = self.measured.position
             self._motor = self._motor._replace(position_offset=0)
 
-    def _miss_heartbeat(self) -> None:
-        self.trip(objects.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION)
-
     def _on_read(self, index: int, subindex: int = 0, **_: Any) -> int | None:
-        motor = self._motor
+        motor, current = self._motor, self._maker.current
         if index == objects.ERROR_COUNT.index:
             errors = [len(self._history), *self._history]
             return errors[subindex] if subindex < len(errors) else 0
-        inputs, current = self._maker.inputs.state, self._maker.current
-        if (index, subindex) == (inputs.index, inputs.subindex):
-            return self._functions
         if index == objects.STATUSWORD.index:
             powered = _VOLTAGE_ENABLED if is_energised(self.state) else 0
             homing = self._homing if self._slave.get(objects.MODE) == objects.HOMING else 0
@@ -366,7 +324,8 @@ class Cia402Node:
         if (index, subindex) == (current.index, current.subindex):
             unit = 1e3 / RATED if self._maker.is_relative else 1.0
             return wrapped(round(1e3 * motor.sign * self._current * unit), 8 * current.size)
-        return None
+        inputs = self._maker.inputs.state
+        return self._functions if (index, subindex) == (inputs.index, inputs.subindex) else None
 
     def _on_write(self, index: int, data: bytes, **_: Any) -> None:
         if index == objects.ERROR_COUNT.index and not any(data):
@@ -387,51 +346,27 @@ class Cia402Node:
 
 def _defaults(node_id: int, motor: EmulatedMotor) -> dict[Entry, int]:
     """The object dictionary as the maker delivers it."""
-    maker = motor.maker
-    resolution, factor = maker.resolution
+    maker, (resolution, factor) = motor.maker, motor.maker.resolution
     modes = [mode for modes in maker.modes.values() for mode in modes]
-    pins = [
-        entry
-        for each in (maker.inputs, maker.outputs)
-        for entry in (each.state, *each.function, *each.ones, *each.zeros)
-    ]
-    vendor = maker.vendor if motor.vendor is None else motor.vendor
+    zero = [objects.ERROR_COUNT, *objects.ERROR_HISTORY, HEARTBEAT_CONSUMED, HEARTBEAT_PRODUCED]
+    zero += [objects.CONTROLWORD, objects.STATUSWORD, objects.DISABLE_OPTION]
+    zero += [objects.POSITION, objects.VELOCITY, maker.current]
+    zero += [objects.HOME_OFFSET, objects.HOMING_METHOD, *objects.HOMING_SPEEDS]
+    zero += [objects.HOMING_ACCELERATION, objects.PROFILE_TYPE, objects.TARGET_VELOCITY]
+    zero += [entry for mode in modes for entry in mode.target.entries]
+    zero += [entry for entry, _ in maker.fixed]
+    for pins in (maker.inputs, maker.outputs):
+        zero += [pins.state, *pins.function, *pins.ones, *pins.zeros]
+    if any(mode.number == objects.CYCLIC_POSITION.number for mode in modes):
+        zero += [objects.PERIOD, objects.PERIOD_EXPONENT]
     hardware = next(iter(maker.models), 0) if motor.hardware is None else motor.hardware
-    limits = {entry: 25000 for each in maker.speed_limits.values() for entry in each}
-    cyclic = any(mode.number == objects.CYCLIC_POSITION.number for mode in modes)
-    none = dict.fromkeys(
-        (
-            objects.ERROR_COUNT,
-            *objects.ERROR_HISTORY,
-            HEARTBEAT_CONSUMED,
-            HEARTBEAT_PRODUCED,
-            maker.current,
-            objects.CONTROLWORD,
-            objects.STATUSWORD,
-            objects.POSITION,
-            objects.VELOCITY,
-            objects.PROFILE_TYPE,
-            objects.HOME_OFFSET,
-            objects.HOMING_METHOD,
-            *objects.HOMING_SPEEDS,
-            objects.HOMING_ACCELERATION,
-            objects.TARGET_VELOCITY,
-            *pins,
-            objects.DISABLE_OPTION,
-            *(entry for mode in modes for entry in mode.target.entries),
-            *(entry for entry, _ in maker.fixed),
-            *((objects.PERIOD, objects.PERIOD_EXPONENT) if cyclic else ()),
-        ),
-        0,
-    )
-    delivered = {entry: value for entry, value in _DELIVERED.items() if entry in pins}
     return {
-        **none,
-        **limits,
-        **delivered,
+        **dict.fromkeys(zero, 0),
+        **{entry: 25000 for entries in maker.speed_limits.values() for entry in entries},
+        **(_DELIVERED if maker is EPOS2 else {}),
         **({} if maker.rated_current is None else {maker.rated_current: RATED}),
         objects.DEVICE_TYPE: 0x0002_0000 | motor.profile,
-        objects.VENDOR: vendor,
+        objects.VENDOR: maker.vendor if motor.vendor is None else motor.vendor,
         objects.PRODUCT: hardware << 16,
         objects.MAX_FOLLOWING_ERROR: 2000,
         resolution: 4 * motor.pulses // factor,

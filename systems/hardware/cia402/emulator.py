@@ -10,11 +10,7 @@ from typing import Any, Self
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.core.extras import need
 from parapod.systems.hardware.canopen import HEARTBEAT_BASE
-from parapod.systems.hardware.cia402.emulated_drive import (
-    Cia402Node,
-    EmulatedMotor,
-    MeasuredMotor,
-)
+from parapod.systems.hardware.cia402.emulated_drive import Cia402Node, EmulatedMotor, MeasuredMotor
 from parapod.systems.hardware.cia402.states import DriveState
 from parapod.systems.hardware.cia402.switches import SwitchGroup
 from parapod.systems.hardware.clock import computer_time, monotonic
@@ -167,21 +163,12 @@ class Cia402Nodes:
         return tuple(node.state for node in self.nodes)
 
     def trip(self, node_id: int, code: int) -> None:
-        """Makes a drive fail.
-
-        Args:
-            node_id: its address.
-            code: code of the error.
-        """
+        """Makes the drive at an address fail with the code of an error."""
         with self._lock:
             self._node(node_id).trip(code)
 
     def disconnect(self, node_id: int) -> None:
-        """Takes a node off the bus: it hears and says nothing any more.
-
-        Args:
-            node_id: its address.
-        """
+        """Takes the node at an address off the bus: it hears and says nothing any more."""
         self._lines[self._ids.index(node_id)].is_connected = False
 
     def _run(self, bus: Any) -> None:
@@ -248,14 +235,12 @@ class Cia402Nodes:
 
     def _measure(self) -> None:
         n = len(self.nodes)
-        true = (*self._get("position"), *self._get("velocity"), *self._current())
-        shown_values = self._misbehaviour.shown(true, self._clock())
-        shown_values = tuple(value if math.isfinite(value) else 0.0 for value in shown_values)
+        current = self._get("current") if self._measures_current else (0.0,) * n
+        true = (*self._get("position"), *self._get("velocity"), *current)
+        values = self._misbehaviour.shown(true, self._clock())
+        values = tuple(value if math.isfinite(value) else 0.0 for value in values)
         for i, node in enumerate(self.nodes):
-            node.measured = MeasuredMotor(*shown_values[i::n])
-
-    def _current(self) -> tuple[float, ...]:
-        return self._get("current") if self._measures_current else (0.0,) * len(self.nodes)
+            node.measured = MeasuredMotor(*values[i::n])
 
     def _publish(self) -> None:
         for signal, what in _COMMANDS.items():
