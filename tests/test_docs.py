@@ -170,7 +170,7 @@ def test_the_load_of_the_chairs_bus_is_what_its_driver_makes_of_it():
 
 
 def test_the_load_of_eight_legs_with_switches_is_what_the_documents_say():
-    settings = Epos2PositionScrews(node_ids=[*range(1, 9)], **switches_of_limbs(4)._asdict())
+    settings = Epos2PositionScrews(node_ids=[*range(1, 9)], **switches_of_limbs(4))
     commands = (EPOS2.modes[Control.POSITION][0].target, outputs_pdo(AxesSettings()))
     each = [pdo for i in settings.node_ids for pdo in (*reports(settings, i), *commands)]
     assert len(each) == 8 * 4
@@ -188,7 +188,7 @@ def test_the_screws_with_locks_and_clamps_are_those_of_three_limbs(tmp_path):
     file = tmp_path / "lab.yaml"
     file.write_text(example)
     (driver,) = load_scenario(LevellingScenario, file).hardware.drivers
-    given = switches_of_limbs(3)._asdict()
+    given = switches_of_limbs(3)
     assert {name: getattr(driver, name) for name in given} == given
     device = driver.make(PartPorts({"emergency_stop": 1}, {}))
     assert device.measures["locks.closed"] == 12

@@ -28,8 +28,6 @@ class Epos2CentreLegs(Epos2PositionScrews):
         following_error_mm: distance of a leg from its set value at which its drive gives up [mm].
         position_min_mm: lengths from foot to pivot below which nothing retracts [mm].
         position_max_mm: lengths above which nothing extends [mm].
-        stop_node: address of the controller at whose digital input is a contact of the emergency
-            stop, which is closed while that is not pressed; null: none is measured.
     """
 
     former: ClassVar[tuple[str, ...]] = ("Epos2TripodLegs", "Epos2QuadrupedLegs")
@@ -41,14 +39,14 @@ class Epos2CentreLegs(Epos2PositionScrews):
     signs: list[int] = quantity([], -1, 1)
     position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
     position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0)
-    stop_node: int | None = quantity(_SWITCHES.stop_node, 1, 127)
-    stop_input: int = quantity(_SWITCHES.stop_input, 1, 6)
+    stop_node: int | None = quantity(_SWITCHES["stop_node"], 1, 127)
+    stop_input: int = quantity(_SWITCHES["stop_input"], 1, 6)
 
 
 def fittings_of(geometry: CentreGeometry) -> Mapping[str, Any]:
     """Settings of the legs' driver that follow from a centre."""
     legs = 2 * geometry.limbs
-    lists = switches_of_limbs(geometry.limbs)._asdict()
+    lists = switches_of_limbs(geometry.limbs)
     return {name: numbers for name, numbers in lists.items() if isinstance(numbers, list)} | {
         "node_ids": list(range(1, legs + 1)),
         "signs": [1] * legs,

@@ -162,7 +162,7 @@ def screws(limbs=LIMBS, **settings):
     ends = {"position_min_mm": [600.0] * legs, "position_max_mm": [800.0] * legs}
     places = {"part": "legs", "node_ids": [*range(1, legs + 1)], "signs": [1] * legs}
     return Epos2PositionScrews(
-        **places | ends | switches_of_limbs(limbs)._asdict() | {"position_file": "p"} | settings
+        **places | ends | switches_of_limbs(limbs) | {"position_file": "p"} | settings
     )
 
 

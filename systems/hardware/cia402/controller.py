@@ -2,16 +2,11 @@
 
 import math
 import struct
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
-from parapod.systems.hardware.canopen import (
-    NMT_PRE_OPERATIONAL,
-    NMT_START,
-    CanopenBus,
-    Entry,
-)
+from parapod.systems.hardware.canopen import NMT_PRE_OPERATIONAL, NMT_START, CanopenBus, Entry
 from parapod.systems.hardware.cia402 import objects
 from parapod.systems.hardware.cia402.makers import MAKERS, Pins, maker_of
 from parapod.systems.hardware.cia402.set_up import (
@@ -81,22 +76,6 @@ class Sample(NamedTuple):
     inputs: int | None = None
 
 
-class Condition(NamedTuple):
-    """Condition in which a drive should be.
-
-    Attributes:
-        is_active: true if it has been activated.
-        is_running: true if it should have obeyed a command to run by now.
-        is_stopped: true if the emergency stop is pressed: it may stop, and lose its supply.
-        has_power: true if its motor should have power by now.
-    """
-
-    is_active: bool
-    is_running: bool
-    is_stopped: bool
-    has_power: bool
-
-
 class Cia402Controller:
     """A node, as `Cia402Device` uses it; all methods raise DeviceError and name the node."""
 
@@ -121,22 +100,17 @@ class Cia402Controller:
             clock: monotonic [s].
             axis: name of its axis in errors.
         """
-        self._bus, self._id, self._settings, self._timing = bus, node_id, settings, timing
+        self._bus, self.id, self._settings, self._timing = bus, node_id, settings, timing
         self._beat, self._clock = beat, clock
         self._maker = maker = MAKERS[settings.drive]
         self._mode, self._reports = mode_of(settings), reports(settings, node_id)
-        # Entries of all reports, in their order, and where the optional ones among them are.
-        entries = [entry for pdo in self._reports for entry in pdo.entries]
-        self._report_entries, self.report_ids = entries, [p.base + node_id for p in self._reports]
-        self._places = [
-            entries.index(entry) if entry in entries else -1
-            for entry in (objects.VELOCITY, maker.current, maker.inputs.state)
-        ]
+        self._report_entries = [entry for pdo in self._reports for entry in pdo.entries]
+        self.report_ids = [pdo.base + node_id for pdo in self._reports]
         # Units of the drive for one rpm, and for one of what is commanded: rpm, count or mA.
         self._per_rpm = maker.per_rpm(settings.counts_per_turn)
         self._per_mA, self._rated = 1.0, 1000.0
         self._outputs = settings.outputs_of(node_id)
-        # Bits of its digital outputs that are not ours to switch; None: nothing is known of them.
+        # Bits of digital outputs that are not ours to switch; None: no output is ours yet.
         self._other_outputs: int | None = None
         self.name = f"node {node_id}" + (f" ({axis})" if axis else "")
         # Whether a quick stop of ours may still be the reason why it stops.
@@ -162,8 +136,8 @@ class Cia402Controller:
             words = f"is not a CiA 402 drive: its device type (0x1000) is 0x{profile:08X}"
             raise self._error(words, DeviceFault.CORRUPT)
         vendor, product = self._get(objects.VENDOR), self._get(objects.PRODUCT)
-        other, maker = maker_of(vendor, product), self._maker
-        if other is not maker:
+        maker = self._maker
+        if (other := maker_of(vendor, product)) is not maker:
             of_other = f"{other.name}, " if other else ""
             models = ", ".join(f"{name}: 0x{code:04X}" for code, name in maker.models.items())
             raise self._error(
@@ -186,12 +160,12 @@ class Cia402Controller:
         if counts != self._settings.counts_per_turn:
             words = f"is set up for {counts} counts per turn, not {self._settings.counts_per_turn}"
             raise self._error(words)
-        if (rated := self._maker.rated_current) is not None:
-            is_needed = self._maker.is_relative or self._settings.control is Control.FORCE
-            if is_needed and (value := self._get(rated)) == 0:
+        is_needed = self._maker.is_relative or self._settings.control is Control.FORCE
+        if is_needed and (rated := self._maker.rated_current) is not None:
+            self._rated = float(self._get(rated))
+            if self._rated == 0.0:
                 raise self._error(f"knows no rated current of its motor ({rated} is 0)")
-            if is_needed:
-                self._rated, self._per_mA = float(value), 1000.0 / value
+            self._per_mA = 1000.0 / self._rated
         state = self._state()
         remarks = self._past(state)
         if state is not DriveState.SWITCH_ON_DISABLED:
@@ -204,13 +178,13 @@ class Cia402Controller:
                 remarks = [self._no_supply]
         if remarks and remarks != [self._no_supply]:
             self._set(objects.ERROR_COUNT, 0)  # each is reported once
-        self._bus.manage(self._id, NMT_PRE_OPERATIONAL)
+        self._bus.manage(self.id, NMT_PRE_OPERATIONAL)
         for entry, value in set_up_of(self._settings, self._rated):
             self._set(entry, value)
-        self._bus.carry(self._id, process_data(self._settings, self._id))
-        for number, key in self._settings.inputs_of(self._id).items():
+        self._bus.carry(self.id, process_data(self._settings, self.id))
+        for number, key in self._settings.inputs_of(self.id).items():
             self._claim(self._maker.inputs, number, key)
-        self._bus.manage(self._id, NMT_START)
+        self._bus.manage(self.id, NMT_START)
         return remarks
 
     def _claim(self, pins: Pins, number: int, key: str = "") -> None:
@@ -241,39 +215,31 @@ class Cia402Controller:
         return sum(self._maker.outputs.mask(number) for number in numbers)
 
     def switch(self, on: Collection[int]) -> None:
-        """Switches its digital outputs on, and all others of ours off; nothing confirms it.
-
-        Args:
-            on: numbers of the outputs.
-        """
-        if self._outputs and self._other_outputs is not None:
+        """Switches these digital outputs on, and all others of ours off; nothing confirms it."""
+        if self._other_outputs is not None:
             state = self._other_outputs | self._bits(on)
-            self._bus.command(self._id, outputs_pdo(self._settings), state)
+            self._bus.command(self.id, outputs_pdo(self._settings), state)
 
     def switch_off(self) -> None:
         """Switches all of its digital outputs off that are ours, and makes sure of it."""
-        if self._outputs and self._other_outputs is not None:
+        if self._other_outputs is not None:
             self._set(self._maker.outputs.state, self._other_outputs)
 
     def _past(self, state: DriveState | None) -> list[str]:
         """Remarks about the errors in the node's history, those since it was switched on."""
         count = min(self._get(objects.ERROR_COUNT), objects.HISTORY_SIZE)
         codes = [self._get(entry) & 0xFFFF for entry in objects.ERROR_HISTORY[:count]]
-        descriptions = [self._maker.described(code) for code in codes]
+        errors = [self._maker.described(code) for code in codes]
         if state not in _FAULTS:
-            return (
-                [f"remembers errors from before: {', '.join(descriptions)}"]
-                if descriptions
-                else []
-            )
-        older = f"; before that: {', '.join(descriptions[1:])}" if descriptions[1:] else ""
-        what = descriptions[0] if descriptions else "its history does not say which"
-        return [f"was in a fault from before, which has been reset: {what}{older}"]
+            return [f"remembers errors from before: {', '.join(errors)}"] if errors else []
+        older = f"; before that: {', '.join(errors[1:])}" if errors[1:] else ""
+        newest = errors[0] if errors else "its history does not say which"
+        return [f"was in a fault from before, which has been reset: {newest}{older}"]
 
     def guard(self, is_guarded: bool) -> None:
         """Has the node stop its motor when this computer falls silent, or not."""
         self._beat()
-        self._bus.guard(self._id, self._settings.heartbeat_timeout if is_guarded else 0.0)
+        self._bus.guard(self.id, self._settings.heartbeat_timeout if is_guarded else 0.0)
 
     def recover(self) -> None:
         """Resets a fault for want of heartbeats or of the motor's supply; refuses any other."""
@@ -289,7 +255,7 @@ class Cia402Controller:
                     raise self._faulty(code) from None
                 raise
         # Nodes may leave the operational state when they miss heartbeats (CiA 301, 0x1029).
-        self._bus.manage(self._id, NMT_START)
+        self._bus.manage(self.id, NMT_START)
 
     def enable(self, until: DriveState = DriveState.OPERATION_ENABLED) -> int:
         """Leads the drive towards operation enabled at rest, step by step.
@@ -318,16 +284,11 @@ class Cia402Controller:
 
     def _rest(self) -> int:
         """Gives the drive the set value with which it stays where it is."""
-        setting = self._get(objects.POSITION) if self._is_place else 0
+        setting = self._get(objects.POSITION) if self._mode.is_place else 0
         self._set(self._mode.setting, setting)
         if self._mode.offset is not None:
             self._set(self._mode.offset, 0)
         return setting
-
-    @property
-    def _is_place(self) -> bool:
-        """Whether set values are positions."""
-        return len(self._mode.command.entries) == 1
 
     def speed(self, rpm: float) -> int:
         """Velocity in the drive's unit."""
@@ -348,22 +309,17 @@ class Cia402Controller:
             offset: velocity that is fed forward to a position, in the drive's unit.
         """
         self._was_stopped = self._was_stopped or word is Controlword.QUICK_STOP
-        if self._is_place:
+        if self._mode.is_place:
             if word is Controlword.ENABLE_OPERATION:
                 self.steer(setting, offset)
-            self._bus.command(self._id, self._mode.command, word)
+            self._bus.command(self.id, self._mode.command, word)
         else:
-            self._bus.command(self._id, self._mode.command, word, setting)
+            self._bus.command(self.id, self._mode.command, word, setting)
 
     def steer(self, setting: int, offset: int = 0) -> None:
-        """Sends a set value, which a drive that does not run ignores.
-
-        Args:
-            setting: see `command`.
-            offset: see `command`.
-        """
+        """Sends a set value, see `command`, which a drive that does not run ignores."""
         values = (setting,) if self._mode.offset is None else (setting, offset)
-        self._bus.command(self._id, self._mode.target, *values)
+        self._bus.command(self.id, self._mode.target, *values)
 
     def begin_homing(self) -> None:
         """Has a drive that runs begin to look for its home by its own method."""
@@ -406,39 +362,33 @@ class Cia402Controller:
             sleep(POLL)
         self.guard(False)
 
-    def poll(self) -> Sample:
-        """Asks for the newest sample by service data."""
-        return self._sample([self._get(entry) for entry in self._report_entries])
+    def sample(self, frames: Mapping[int, bytes] | None) -> Sample:
+        """The sample that the node's frames carry; None: it is asked for it by service data."""
+        entries, maker = self._report_entries, self._maker
+        values = [*map(self._get, entries)] if frames is None else self._unpacked(frames)
+        shown_by = dict(zip(entries, values, strict=True))
+        return Sample(
+            state_of(shown_by[objects.STATUSWORD]),
+            shown_by[objects.POSITION],
+            shown_by[objects.VELOCITY] / self._per_rpm,
+            (1e-3 * self._rated if maker.is_relative else 1.0) * shown_by.get(maker.current, 0),
+            shown_by.get(maker.inputs.state),
+        )
 
-    def sample(self, frames: Mapping[int, bytes]) -> Sample:
-        """The sample that the node's frames carry."""
-        values: list[int] = []
+    def _unpacked(self, frames: Mapping[int, bytes]) -> list[int]:
+        """Values of all reports, in their order."""
+        pairs = zip(self._reports, self.report_ids, strict=True)
         try:
-            for pdo, can_id in zip(self._reports, self.report_ids, strict=True):
-                values += pdo.unpack(frames[can_id])
+            return [value for pdo, can_id in pairs for value in pdo.unpack(frames[can_id])]
         except KeyError:
-            code = self._bus.emergency(self._id)
+            code = self._bus.emergency(self.id)
             if code is not None:
                 raise self._faulty(code) from None
             words = f"does not answer SYNC in {self._timing.timeout:g} s"
             raise self._error(words, DeviceFault.SILENT) from None
         except struct.error as error:
-            raise self._error(
-                f"sends frames of wrong length: {error}", DeviceFault.CORRUPT
-            ) from None
-        return self._sample(values)
-
-    def _sample(self, values: Sequence[int]) -> Sample:
-        """The sample of the values of all reports, in their order."""
-        speed, current, inputs = self._places
-        unit = 1e-3 * self._rated if self._maker.is_relative else 1.0
-        return Sample(
-            state_of(values[0]),
-            values[1],
-            values[speed] / self._per_rpm,
-            0.0 if current < 0 else unit * values[current],
-            None if inputs < 0 else values[inputs],
-        )
+            words = f"sends frames of wrong length: {error}"
+            raise self._error(words, DeviceFault.CORRUPT) from None
 
     def inputs(self, sample: Sample) -> list[bool]:
         """Whether there is voltage at the inputs 1, 2, ...; false at those that are not shown."""
@@ -448,36 +398,39 @@ class Cia402Controller:
         """Whether the contact of the emergency stop at this node is open."""
         return not self.inputs(sample)[self._settings.stop_input - 1]
 
-    def check(self, sample: Sample, condition: Condition) -> None:
+    def check(
+        self, sample: Sample, is_active: bool, is_running: bool, is_stopped: bool, has_power: bool
+    ) -> None:
         """Refuses the measurements of a drive that does not obey.
 
         Args:
             sample: newest one.
-            condition: condition in which it should be.
+            is_active: true if the drive has been activated.
+            is_running: true if it should have obeyed a command to run by now.
+            is_stopped: true if the emergency stop is pressed: it may stop, and lose its supply.
+            has_power: true if its motor should have power by now.
         """
         if sample.state in _FAULTS:
             if self._code is None:
                 self._code = self._fault_code()
             # Without power it may be without its motor's supply as well.
-            may_starve = condition.is_stopped or not condition.is_active
-            if not (may_starve and self._code in self._maker.undervoltage):
+            may_starve = is_stopped or not is_active
+            if not may_starve or self._code not in self._maker.undervoltage:
                 raise self._faulty(self._code)
             return
         self._code = None
-        if condition.is_stopped:
+        if is_stopped:
             return
-        if condition.has_power and not is_energised(sample.state):
+        if has_power and not is_energised(sample.state):
             raise self._error(f"has lost its power, it is in {sample.state or 'no known state'}")
-        if not condition.is_running:
+        if not is_running:
             return
-        if sample.state is not DriveState.QUICK_STOP_ACTIVE:
-            self._was_stopped = False
-        elif self._was_stopped:
-            raise self._error(
-                "stays in a quick stop of this program, and has not obeyed its release"
-            )
-        else:
-            raise self._error(f"stops, which this program did not ask for: {self._stopper()}")
+        if sample.state is DriveState.QUICK_STOP_ACTIVE:
+            words = "stays in a quick stop of this program, and has not obeyed its release"
+            if not self._was_stopped:
+                words = f"stops, which this program did not ask for: {self._stopper()}"
+            raise self._error(words)
+        self._was_stopped = False
 
     def _stopper(self) -> str:
         """Reason for the drive's stop, in words."""
@@ -489,7 +442,7 @@ class Cia402Controller:
 
     def _fault_code(self) -> int | None:
         """Code of the fault that the drive is in; None if neither EMCY nor history tell it."""
-        code = self._bus.emergency(self._id)
+        code = self._bus.emergency(self.id)
         if code is None:
             with suppress(DeviceError):  # a history without an entry refuses to be read
                 code = self._get(objects.ERROR_CODE) & 0xFFFF
@@ -509,7 +462,7 @@ class Cia402Controller:
         deadline = self._clock() + self._timing.state_timeout
         while (state := self._state()) is not state_wanted:
             if self._clock() > deadline:
-                code = self._bus.emergency(self._id)
+                code = self._bus.emergency(self.id)
                 words = f", {self._maker.described(code)}" if code else ""
                 raise self._error(
                     f"is in {state or 'no known state'}, not in {state_wanted}{words}"
@@ -521,11 +474,11 @@ class Cia402Controller:
 
     def _get(self, entry: Entry) -> int:
         self._beat()
-        return self._bus.get(self._id, entry)
+        return self._bus.get(self.id, entry)
 
     def _set(self, entry: Entry, value: int) -> None:
         self._beat()
-        self._bus.set(self._id, entry, value)
+        self._bus.set(self.id, entry, value)
 
     def _faulty(self, code: int | None) -> DeviceError:
         if code in self._maker.undervoltage:

@@ -12,7 +12,6 @@ from parapod.systems.hardware.cia402.controller import (
     STANDSTILL,
     Bus,
     Cia402Controller,
-    Condition,
     Sample,
     Timing,
     stopping_time,
@@ -79,8 +78,8 @@ class Cia402Device(IncrementalDevice):
 
     **One for all.** Where axes share a load (`stops_together`), one that fails, loses its power
     or stops by itself has all others stop quickly at the reading that tells it, and stay so as
-    after an emergency stop. For a node that is silent see "Limits" of
-    `Cia402Velocities`, and "Silence" of `Cia402Positions` and of `Cia402Forces`.
+    after an emergency stop. For a node that is silent see "Limits" of `Cia402Velocities`, and
+    "Silence" of `Cia402Positions` and of `Cia402Forces`.
 
     **Reference.** The controllers count from zero since their power-on. `position` is absolute
     when the settings say where the axes are at `configure`, or after `set_reference`. Where there
@@ -98,8 +97,9 @@ class Cia402Device(IncrementalDevice):
 
     position_signal = "position"
 
-    # Whether drives that are stopped hold the axes, with power.
-    _holds = True
+    # Whether drives that are stopped hold the axes, with power, and the command that stops them:
+    # on a ramp, or by taking the power of those that have none.
+    _holds, _braking = True, Controlword.QUICK_STOP
 
     def __init__(
         self,
@@ -122,26 +122,27 @@ class Cia402Device(IncrementalDevice):
             ValueError: settings that do not fit together.
         """
         check(settings, timing.heartbeat_period)
-        self._settings, self._timing, self._clock = settings, timing, clock
-        self._is_synchronous, self._directions = is_synchronous, settings.directions
+        self._timing, self._clock, self._is_synchronous = timing, clock, is_synchronous
+        self._directions = settings.directions
         self._switches = SwitchBoard(settings.switches)
         self.name, self.place = settings.name, settings.place
         within = f"{settings.heartbeat_timeout + stopping_time(settings, timing):.2g} s"
         self.watchdog = f"without this computer's heartbeats the drives stop within {within}"
         axes = len(settings.node_ids)
         super().__init__(settings.positions_path, axes, settings.part)
-        self.measures = {"position": axes, "velocity": axes}
-        if settings.measures_current:
-            self.measures["current"] = axes
-        if settings.stop_node is not None:
-            self.measures["emergency_stop"] = 1
-        self.measures |= self._switches.measures
+        current = {"current": axes} if settings.measures_current else {}
+        stop = {} if settings.stop_node is None else {"emergency_stop": 1}
+        motion = {"position": axes, "velocity": axes}
+        self.measures = motion | current | stop | self._switches.measures
         self.command_signal = settings.command_signal
         brake = {"brake": 1} if settings.has_brake else {}
         self.commands = {self.command_signal: axes} | brake | self._switches.commands
         self.fail_safe = (*brake, *self._switches.commands)
         self._bus: Bus | None = None
         self._controllers: list[Cia402Controller] = []
+        self._report_ids: list[int] = []
+        # Controller at which the emergency stop's contact is.
+        self._stop_controller: Cia402Controller | None = None
         self._is_active = self._is_braked = self._is_referenced = False
         self._may_have_power = False
         # Whether all axes stood at the newest reading.
@@ -153,6 +154,15 @@ class Cia402Device(IncrementalDevice):
         self._offset, self._position, self._velocity = ([0.0] * axes for _ in range(3))
         # The controlword that was sent last, and since when.
         self._word, self._worded = Controlword.DISABLE_VOLTAGE, -math.inf
+        # The newest command; None: the axes are to stay where they are.
+        self._wanted: Sequence[float] | None = None
+        # Whether the axes have limits, so that they need a reference.
+        self._has_limits = False
+        self._adopt(settings)
+
+    def _adopt(self, settings: AxesSettings) -> None:
+        """Goes by these settings from now on; while axes look for their ends without limits."""
+        self._settings = settings
 
     @property
     def is_referenced(self) -> bool:
@@ -162,7 +172,7 @@ class Cia402Device(IncrementalDevice):
     def seek_reference(self) -> None:
         """See `IncrementalDevice`; with little force, and without limits."""
         super().seek_reference()
-        self._settings = self._settings.seeking
+        self._adopt(self._settings.seeking)
 
     def _open(self) -> None:
         """Opens the bus, makes sure of every controller and sets it up, without power.
@@ -183,6 +193,9 @@ class Cia402Device(IncrementalDevice):
             Cia402Controller(bus, i, settings, self._timing, self._beat, self._clock, axis)
             for i, axis in zip(settings.node_ids, names, strict=True)
         ]
+        self._report_ids = [can_id for each in self._controllers for can_id in each.report_ids]
+        at_stop = (each for each in self._controllers if each.id == settings.stop_node)
+        self._stop_controller = next(at_stop, None)
         self.remarks, self._is_pressed, self._is_stopped = (), False, False
         self._switches.close_all()
         self._counts = [None] * len(settings.node_ids)
@@ -192,8 +205,7 @@ class Cia402Device(IncrementalDevice):
             bus.listen(self._report_ids)
             for controller in self._controllers:
                 controller.identify()
-            remarks = {each.name: each.set_up() for each in self._controllers}
-            self.remarks = together(remarks)
+            self.remarks = together({each.name: each.set_up() for each in self._controllers})
             for controller in self._controllers:  # no axis has power any more
                 controller.set_up_outputs()
             self.read()
@@ -220,17 +232,15 @@ class Cia402Device(IncrementalDevice):
             self._samples()
             if self._is_pressed:
                 number = self._settings.stop_input
-                raise DeviceError(
-                    self.name,
-                    f"the emergency stop at digital input {number} of {stop.name} is pressed, or "
-                    "its wire is broken",
-                )
+                where = f"the emergency stop at digital input {number} of {stop.name}"
+                raise DeviceError(self.name, f"{where} is pressed, or its wire is broken")
         for controller in self._controllers:
             controller.recover()
         # Axes that their drives do not hold stay braked until a command says otherwise.
         self._is_active, self._is_braked, self._is_stopped = True, not self._holds, False
-        begins = Controlword.ENABLE_OPERATION if self._holds else Controlword.SWITCH_ON
-        state = DriveState.OPERATION_ENABLED if self._holds else DriveState.SWITCHED_ON
+        word, state = Controlword.SWITCH_ON, DriveState.SWITCHED_ON
+        if self._holds:
+            word, state = Controlword.ENABLE_OPERATION, DriveState.OPERATION_ENABLED
         try:
             for controller in self._controllers:
                 controller.guard(True)
@@ -238,7 +248,7 @@ class Cia402Device(IncrementalDevice):
             self._beaten = -math.inf
             self._beat()
             settings = [controller.enable(state) for controller in self._controllers]
-            self._word, self._worded = begins, self._clock()
+            self._word, self._worded, self._wanted = word, self._clock(), None
             if self._is_homing and self._settings.homing_method is not None:
                 settings = self._home()
             self._begin(settings)
@@ -262,9 +272,8 @@ class Cia402Device(IncrementalDevice):
                 if self._is_pressed:
                     raise DeviceError(self.name, "the emergency stop is pressed")
                 if self._clock() > deadline:
-                    raise DeviceError(
-                        self.name, f"{controller.name} has found no home in {_HOMING:g} s"
-                    )
+                    text = f"{controller.name} has found no home in {_HOMING:g} s"
+                    raise DeviceError(self.name, text)
                 sleep(POLL)
             settings.append(controller.end_homing())
         # The counts are zero at the homes from now on.
@@ -298,8 +307,8 @@ class Cia402Device(IncrementalDevice):
             signals["current"] = [1e-3 * sign * sample.milliamperes for sample, sign in directed]
         if settings.stop_node is not None:
             signals["emergency_stop"] = [float(self._is_pressed)]
-        pairs = zip(settings.node_ids, self._controllers, samples, strict=True)
-        inputs = {node: controller.inputs(sample) for node, controller, sample in pairs}
+        pairs = zip(self._controllers, samples, strict=True)
+        inputs = {controller.id: controller.inputs(sample) for controller, sample in pairs}
         return signals | dict(self._switches.measured(inputs))
 
     def write(self, commands: Signals) -> None:
@@ -346,7 +355,8 @@ class Cia402Device(IncrementalDevice):
             # Nothing is held by a motor any more when springs begin to close.
             stack.callback(self._switch)
             stack.callback(self._send, Controlword.DISABLE_VOLTAGE)
-            if self._may_have_power:
+            # Otherwise nothing would slow the axes, and a brake closes only without power.
+            if self._may_have_power and self._holds:
                 self._come_to_rest()
 
     def _confirm_no_power(self) -> None:
@@ -386,10 +396,6 @@ class Cia402Device(IncrementalDevice):
             raise DeviceError(self.name, "not configured", DeviceFault.UNPLUGGED)
         return self._bus
 
-    @property
-    def _report_ids(self) -> list[int]:
-        return [can_id for controller in self._controllers for can_id in controller.report_ids]
-
     def _beat(self) -> None:
         """Sends this computer's heartbeat if the last one is old enough."""
         bus, now = self._open_bus(), self._clock()
@@ -399,16 +405,17 @@ class Cia402Device(IncrementalDevice):
 
     def _samples(self) -> list[Sample]:
         """Newest sample of each node; what the emergency stop says has been obeyed already."""
-        stop = self._stop_controller
-        if not self._is_synchronous:
-            if stop is not None:
-                self._watch_stop(stop.is_stop_pressed(stop.poll()))
-            return [controller.poll() for controller in self._controllers]
-        frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
-        if stop is not None:
-            # Also when another node is silent.
-            with suppress(DeviceError):
-                self._watch_stop(stop.is_stop_pressed(stop.sample(frames)))
+        frames = None
+        if self._is_synchronous:
+            frames = self._open_bus().synchronise(self._report_ids, self._timing.timeout)
+        if (stop := self._stop_controller) is not None:
+            try:
+                self._is_pressed = stop.is_stop_pressed(stop.sample(frames))
+                if self._is_pressed:
+                    self._stop()
+            except DeviceError:  # another node may be silent, too
+                if frames is None:
+                    raise
         return [controller.sample(frames) for controller in self._controllers]
 
     def _set_reference(self, values: Sequence[float]) -> None:
@@ -434,15 +441,10 @@ class Cia402Device(IncrementalDevice):
         """Whether a reading since the newest controlword shows that all axes stand."""
         return self._stands and self._measured > self._worded
 
-    def _is_running(self, now: float) -> bool:
-        """Whether the command to run is so old that the drives should have obeyed."""
-        is_told = self._word is Controlword.ENABLE_OPERATION
-        return is_told and now - self._worded > _OBEYING
-
     def _command(self, command: Sequence[float] | None) -> None:
         """Sends set values to drives that have power; None: they stay where they are."""
         self._beat()
-        self._want(command)
+        self._wanted = command
         is_dropped = command is None and not self._holds
         if not self._is_active:
             self._send(Controlword.DISABLE_VOLTAGE)
@@ -453,50 +455,22 @@ class Cia402Device(IncrementalDevice):
 
     def _switch(self) -> None:
         """Sends the nodes what their digital outputs are to be."""
-        for node, controller in zip(self._settings.node_ids, self._controllers, strict=True):
-            controller.switch(self._switches.outputs_on(node))
-
-    @property
-    @abstractmethod
-    def _has_limits(self) -> bool:
-        """Whether the axes have limits, so that they need a reference."""
-
-    @abstractmethod
-    def _want(self, command: Sequence[float] | None) -> None:
-        """Takes note of what is commanded; None: the axes are to stay where they are."""
-
-    @abstractmethod
-    def _begin(self, settings: Sequence[int]) -> None:
-        """Takes note of set values with which the drives have been enabled."""
+        for controller in self._controllers:
+            controller.switch(self._switches.outputs_on(controller.id))
 
     @abstractmethod
     def _run(self) -> None:
         """Sends set values to drives that may run."""
 
-    @abstractmethod
+    def _begin(self, settings: Sequence[int]) -> None:
+        """Takes note of set values with which the drives have been enabled."""
+
     def _restrain(self) -> None:
         """Has axes slow down where the newest measurement calls for it."""
-
-    @property
-    def _braking(self) -> Controlword:
-        """Command that stops the drives on a ramp, or takes the power of those that have none."""
-        return Controlword.QUICK_STOP if self._holds else Controlword.SWITCH_ON
 
     def _may_run(self) -> bool:
         """Whether drives that nothing keeps stopped may run again."""
         return True
-
-    @property
-    def _stop_controller(self) -> Cia402Controller | None:
-        """Controller at which the emergency stop's contact is."""
-        node = self._settings.stop_node
-        return None if node is None else self._controllers[self._settings.node_ids.index(node)]
-
-    def _watch_stop(self, is_pressed: bool) -> None:
-        """Takes note of the emergency stop, and stops the axes at once if it is pressed."""
-        self._is_pressed = is_pressed
-        if is_pressed:
-            self._stop()
 
     def _check(self, samples: Sequence[Sample], now: float) -> None:
         """Refuses drives that do not obey; the others may have to stop for them.
@@ -504,12 +478,12 @@ class Cia402Device(IncrementalDevice):
         Raises:
             DeviceError: names the first of them.
         """
-        is_running = self._is_active and self._is_running(now)
+        is_told = self._is_active and self._word is Controlword.ENABLE_OPERATION
+        is_running = is_told and now - self._worded > _OBEYING
         has_power = self._is_active if self._holds else is_running
-        condition = Condition(self._is_active, is_running, self._is_pressed, has_power)
         try:
             for controller, sample in zip(self._controllers, samples, strict=True):
-                controller.check(sample, condition)
+                controller.check(sample, self._is_active, is_running, self._is_pressed, has_power)
         except DeviceError:
             if self._settings.stops_together:
                 self._stop()
@@ -526,8 +500,7 @@ class Cia402Device(IncrementalDevice):
     ) -> None:
         """Sends a controlword to all drives, with set values if it lets them move.
 
-        One that lets them run is sent once: again and again it would end a quick stop that is
-        not ours.
+        One that lets them run is sent once: again and again it would end a quick stop of others.
         """
         is_new = word is not self._word or not settings
         if word is not self._word:
@@ -541,12 +514,8 @@ class Cia402Device(IncrementalDevice):
                 controller.steer(setting, offset)
 
     def _come_to_rest(self) -> None:
-        """Stops the axes quickly, while they have power, and waits until they stand."""
+        """Stops the axes quickly, and waits until they stand; nodes may be silent for a moment."""
         self._send(Controlword.QUICK_STOP)
-        self._wait_for_standstill()
-
-    def _wait_for_standstill(self) -> None:
-        """Waits until all axes stand; an answer to SYNC may stay away for a moment."""
         deadline, silences = self._clock() + stopping_time(self._settings, self._timing), 0
         while True:
             self._beat()
@@ -560,18 +529,14 @@ class Cia402Device(IncrementalDevice):
                 if max(speeds) <= STANDSTILL:
                     return
                 if self._clock() > deadline:
-                    i = speeds.index(max(speeds))
-                    node = self._settings.node_ids[i]
-                    raise DeviceError(self.name, f"node {node} does not stop: {speeds[i]:.0f} rpm")
+                    node = self._controllers[speeds.index(max(speeds))].id
+                    text = f"node {node} does not stop: {max(speeds):.0f} rpm"
+                    raise DeviceError(self.name, text)
             sleep(POLL)
 
 
 def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:
-    """Remarks of nodes, each once with the names of all that say the same.
-
-    Args:
-        remarks: remarks by the node's name.
-    """
+    """Remarks of nodes, which are given by their names, each once with all names that say it."""
     who: dict[str, list[str]] = {}
     for name, remark in remarks.items():
         for words in remark:
@@ -580,12 +545,5 @@ def together(remarks: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def unwrapped(counts: int, previous: int | None) -> int:
-    """A position without the jumps of a 32-bit counter that overflows [counts].
-
-    Args:
-        counts: counts as a 32-bit counter has them.
-        previous: position before; None if this is the first.
-    """
-    if previous is None:
-        return counts
-    return previous + wrapped(counts - previous)
+    """A position after the `previous` one, without jumps of a 32-bit counter [counts]."""
+    return counts if previous is None else previous + wrapped(counts - previous)

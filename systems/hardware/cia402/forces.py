@@ -1,14 +1,14 @@
 """Axes whose forces or torques are commanded, by the currents of their motors."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from parapod.systems.core.elementwise import clamp
-from parapod.systems.hardware.cia402.controller import STANDSTILL, Timing
-from parapod.systems.hardware.cia402.settings import AxesSettings, Strokes
+from parapod.systems.hardware.cia402.controller import STANDSTILL
+from parapod.systems.hardware.cia402.settings import AxesSettings
+from parapod.systems.hardware.cia402.states import Controlword
 from parapod.systems.hardware.cia402.velocities import Steered
-from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError
 
 # A measurement that is older tells nothing about where an axis is and how fast [s]: five periods
@@ -105,47 +105,31 @@ class Cia402Forces(Steered):
     nothing, until it stands and `deactivate` is called again.
     """
 
-    _holds = False
+    _holds, _braking = False, Controlword.SWITCH_ON
 
-    def __init__(
-        self,
-        settings: AxesSettings,
-        timing: Timing = Timing(),
-        is_synchronous: bool = True,
-        clock: Callable[[], float] = monotonic,
-    ):
-        """See `Cia402Device`."""
-        super().__init__(settings, timing, is_synchronous, clock)
-        possible = _possible(settings)
-        if settings.max_force > possible * (1.0 + 1e-9):
+    def _adopt(self, settings: AxesSettings) -> None:
+        super()._adopt(settings)
+        possible = (settings.current_limit or math.inf) * settings.force_per_current
+        if settings.max_force > possible * (1.0 + 1e-9) and not self._is_homing:
             raise ValueError(
                 f"the largest force or torque is {settings.max_force:g}, but current_limit_a = "
                 f"{settings.current_limit_a:g} allows {possible:g}"
             )
-        self._forces, self._limits = settings, _limits(settings, settings.strokes)
-        within = f"{settings.heartbeat_timeout + timing.timeout:.2g} s"
+        strokes = None if self._is_homing else settings.strokes
+        self._has_limits = strokes is not None
+        axes, force = len(settings.node_ids), min(settings.max_force, possible)
+        lower, upper = strokes or ((-math.inf,) * axes, (math.inf,) * axes)
+        self._limits = ForceLimits(lower, upper, settings.limit_lead, settings.max_velocity, force)
+        within = f"{settings.heartbeat_timeout + self._timing.timeout:.2g} s"
         self.watchdog = (
             "without this computer's heartbeats the drives take their currents away within "
             f"{within}, and only mechanical brakes hold the axes"
         )
 
-    def seek_reference(self) -> None:
-        """See `Cia402Device`."""
-        super().seek_reference()
-        self._forces = self._forces.seeking
-        self._limits = _limits(self._forces, None)
-
-    @property
-    def _has_limits(self) -> bool:
-        return self._forces.strokes is not None and not self._is_homing
-
-    def _come_to_rest(self) -> None:
-        """Nothing would slow the axes, and a brake closes only when the power is gone."""
-
     def _at_rest(self) -> Sequence[float]:
         positions = super()._at_rest()
         for controller, velocity in zip(self._controllers, self._velocity, strict=True):
-            if abs(self._forces.rpm(velocity)) > STANDSTILL:
+            if abs(self._settings.rpm(velocity)) > STANDSTILL:
                 words = "moves without power, so its position is not remembered: what holds it?"
                 raise DeviceError(self.name, f"{controller.name} {words}")
         return positions
@@ -153,21 +137,8 @@ class Cia402Forces(Steered):
     def _targets(self) -> list[int]:
         """Currents of the motors for the forces that are wanted of the axes, in their unit."""
         is_known = self._clock() - self._measured <= _FRESH
-        allowed = self._limits.allowed(self._wanted, self._position, self._velocity)
+        allowed = self._limits.allowed(self._desired, self._position, self._velocity)
         forces = allowed if is_known else [0.0] * len(allowed)
-        unit = 1e3 / self._forces.force_per_current
+        unit = 1e3 / self._settings.force_per_current
         axes = zip(self._controllers, forces, self._directions, strict=True)
         return [drive.current(sign * force * unit) for drive, force, sign in axes]
-
-
-def _possible(settings: AxesSettings) -> float:
-    """Largest force or torque that the largest current makes [N or N m]."""
-    return (settings.current_limit or math.inf) * settings.force_per_current
-
-
-def _limits(settings: AxesSettings, strokes: Strokes | None) -> ForceLimits:
-    """Limits of axes with these ends; None: with none."""
-    anywhere = (math.inf,) * len(settings.node_ids)
-    lower, upper = strokes or (tuple(-end for end in anywhere), anywhere)
-    force = min(settings.max_force, _possible(settings))
-    return ForceLimits(lower, upper, settings.limit_lead, settings.max_velocity, force)

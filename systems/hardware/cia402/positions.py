@@ -1,15 +1,13 @@
 """Position-controlled axes."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware.canopen import wrapped
-from parapod.systems.hardware.cia402.controller import Timing
 from parapod.systems.hardware.cia402.device import LONGEST, Cia402Device, unwrapped
 from parapod.systems.hardware.cia402.settings import AxesSettings
 from parapod.systems.hardware.cia402.states import Controlword
-from parapod.systems.hardware.clock import monotonic
 
 # A measurement that is older tells nothing about where an axis is [s].
 _FRESH = 0.1
@@ -39,39 +37,17 @@ class Cia402Positions(Cia402Device):
     from its set value than the settings' `following_error` gives up, with a fault.
     """
 
-    def __init__(
-        self,
-        settings: AxesSettings,
-        timing: Timing = Timing(),
-        is_synchronous: bool = True,
-        clock: Callable[[], float] = monotonic,
-    ):
-        """See `Cia402Device`."""
-        super().__init__(settings, timing, is_synchronous, clock)
-        self._strokes = settings.strokes
-        self._wanted: Sequence[float] | None = None
+    def _adopt(self, settings: AxesSettings) -> None:
+        super()._adopt(settings)
+        self._strokes = None if self._is_homing else settings.strokes
+        self._has_limits = self._strokes is not None
         # Set values [counts], and when they were sent.
         self._set, self._moved = [0] * len(settings.node_ids), -math.inf
-
-    def seek_reference(self) -> None:
-        """See `Cia402Device`."""
-        super().seek_reference()
-        self._strokes = None
-
-    @property
-    def _has_limits(self) -> bool:
-        return self._strokes is not None
-
-    def _want(self, command: Sequence[float] | None) -> None:
-        self._wanted = command
 
     def _begin(self, settings: Sequence[int]) -> None:
         pairs = zip(settings, self._counts, strict=True)
         self._set = [unwrapped(setting, count) for setting, count in pairs]
-        self._wanted, self._moved = None, self._clock()
-
-    def _restrain(self) -> None:
-        """Set values move by commands alone."""
+        self._moved = self._clock()
 
     @property
     def _is_fresh(self) -> bool:
@@ -83,7 +59,8 @@ class Cia402Positions(Cia402Device):
         return self._stands_by_now and self._is_fresh
 
     def _run(self) -> None:
-        now, offsets = self._clock(), ()  # type: float, Sequence[int]
+        now = self._clock()
+        offsets: Sequence[int] = ()
         if self._word is not Controlword.ENABLE_OPERATION:
             self._set = [count or 0 for count in self._counts]
         elif self._wanted is not None and self._is_fresh:

@@ -5,7 +5,7 @@ it is closed. So whatever is without power is closed, and a broken wire reads "n
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from parapod.systems.core.switching import switched
 
@@ -51,66 +51,47 @@ class SwitchGroup(NamedTuple):
         return f"{self.part}.command"
 
 
-class LimbSwitches(NamedTuple):
-    """Settings of a machine of limbs: four locks at the left leg's node, a clamp at the right's.
+def switches_of_limbs(limbs: int) -> dict[str, Any]:
+    """Settings of a machine of limbs whose legs are at nodes 1 (left), 2 (right), 3, 4, ...
 
-    Attributes:
-        lock_nodes: node of each lock, those of limb 1 first.
-        lock_outputs: output of each lock.
-        lock_inputs: input of each lock's contact.
-        clamp_nodes: node of each limb's clamp.
-        clamp_outputs: output of each clamp.
-        clamp_inputs: input of each clamp's contact.
-        stop_node: node of the emergency stop's contact, the first right leg's.
-        stop_input: its input.
-    """
-
-    lock_nodes: list[int]
-    lock_outputs: list[int]
-    lock_inputs: list[int]
-    clamp_nodes: list[int]
-    clamp_outputs: list[int]
-    clamp_inputs: list[int]
-    stop_node: int
-    stop_input: int
-
-
-def switches_of_limbs(limbs: int) -> LimbSwitches:
-    """Settings for limbs whose legs are at nodes 1 (left), 2 (right), 3, 4, ...
+    Four locks are at each left leg's node, a clamp is at the right leg's, and the contact of the
+    emergency stop at the first right leg's.
 
     Args:
         limbs: number of limbs.
+
+    Returns:
+        Keys of `PositionScrewSettings` and their values: lists with those of limb 1 first, and
+        `stop_node` and `stop_input`.
     """
     left, right = range(1, 2 * limbs, 2), range(2, 2 * limbs + 1, 2)
-    locks = [*_LOCKS] * limbs
-    nodes = [node for node in left for _ in _LOCKS]
-    clamps = [_CLAMP] * limbs
-    return LimbSwitches(nodes, locks, locks, [*right], clamps, clamps, right[0], _STOP)
+    locks, clamps = [*_LOCKS] * limbs, [_CLAMP] * limbs
+    return {
+        "lock_nodes": [node for node in left for _ in _LOCKS],
+        "lock_outputs": locks,
+        "lock_inputs": locks,
+        "clamp_nodes": [*right],
+        "clamp_outputs": clamps,
+        "clamp_inputs": clamps,
+        "stop_node": right[0],
+        "stop_input": _STOP,
+    }
 
 
 def group(
     part: str, key: str, nodes: Sequence[int], outputs: Sequence[int], inputs: Sequence[int]
 ) -> SwitchGroup:
-    """Switches of parallel lists.
-
-    Args:
-        part: part of the machine.
-        key: beginning of the lists' names.
-        nodes: node of each switch.
-        outputs: output of each switch.
-        inputs: input of each switch.
+    """Group of the switches that parallel lists describe: see `SwitchGroup` and `Switch`.
 
     Raises:
         ValueError: the lists are not of the same length.
     """
-    sizes = (len(nodes), len(outputs), len(inputs))
-    if len(set(sizes)) != 1:
+    if not len(nodes) == len(outputs) == len(inputs):
         raise ValueError(
             f"{key}_nodes, {key}_outputs and {key}_inputs must be of the same length, not "
-            f"{sizes[0]}, {sizes[1]} and {sizes[2]}"
+            f"{len(nodes)}, {len(outputs)} and {len(inputs)}"
         )
-    switches = (Switch(*place) for place in zip(nodes, outputs, inputs, strict=True))
-    return SwitchGroup(part, key, tuple(switches))
+    return SwitchGroup(part, key, tuple(map(Switch, nodes, outputs, inputs)))
 
 
 def check_switches(
@@ -118,28 +99,24 @@ def check_switches(
     node_ids: Sequence[int],
     inputs_taken: Mapping[tuple[int, int], str],
 ) -> None:
-    """Refuses switches that cannot be wired so.
+    """Refuses switches of a device that cannot be wired so.
 
     Args:
-        groups: all groups of a device.
+        groups: all groups of the device.
         node_ids: its nodes.
         inputs_taken: name of a further thing at an input, by (node, input).
 
     Raises:
         ValueError: an unknown node, or an output or input that is given twice.
     """
-    outputs: dict[tuple[int, int], str] = {}
-    inputs = dict(inputs_taken)
+    names = {("input", *place): name for place, name in inputs_taken.items()}
     for each in groups:
         for number, switch in enumerate(each.switches, start=1):
             if switch.node not in node_ids:
                 raise ValueError(f"{each.key}_nodes must be of the node_ids, not {switch.node}")
             name = f"{each.part} {number}"
-            for what, place, places_used in (
-                ("output", switch.output, outputs),
-                ("input", switch.input, inputs),
-            ):
-                other = places_used.setdefault((switch.node, place), name)
+            for what, place in (("output", switch.output), ("input", switch.input)):
+                other = names.setdefault((what, switch.node, place), name)
                 if other != name:
                     raise ValueError(
                         f"{what} {place} of node {switch.node} is given twice: {other} and {name}"
@@ -158,11 +135,7 @@ class SwitchBoard:
     """
 
     def __init__(self, groups: Sequence[SwitchGroup]):
-        """Creates a board on which all are closed.
-
-        Args:
-            groups: groups of switches.
-        """
+        """Creates a board of these groups, on which all switches are closed."""
         self._groups = tuple(groups)
         self.measures = {each.measure: len(each.switches) for each in groups}
         self.commands = {each.command: len(each.switches) for each in groups}
@@ -173,13 +146,9 @@ class SwitchBoard:
         self._open.clear()
 
     def is_clear(self, commands: Mapping[str, Sequence[float]]) -> bool:
-        """Whether commands say of each switch, if they say anything, that it is closed or open.
-
-        Args:
-            commands: commands of `obey`.
-        """
-        groups_of_values = (commands.get(each.command, ()) for each in self._groups)
-        return all(switched(value) is not None for values in groups_of_values for value in values)
+        """Whether commands of `obey` say of each switch that they name: closed, or open."""
+        values = (value for name in self.commands for value in commands.get(name, ()))
+        return all(switched(value) is not None for value in values)
 
     def obey(self, commands: Mapping[str, Sequence[float]], may_open: bool, stands: bool) -> None:
         """Takes commands.
@@ -205,11 +174,7 @@ class SwitchBoard:
         return {switch.output for switch in self._open if switch.node == node}
 
     def measured(self, inputs: Mapping[int, Sequence[bool]]) -> Iterator[tuple[str, list[float]]]:
-        """Signals of the contacts.
-
-        Args:
-            inputs: states of a node's inputs 1, 2, ..., by node: true where there is voltage.
-        """
+        """Signals of the contacts, by whether there is voltage at a node's inputs 1, 2, ..."""
         for each in self._groups:
             closed = [float(inputs[node][number - 1]) for node, _, number in each.switches]
             yield each.measure, closed

@@ -2,16 +2,14 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from parapod.systems.core.elementwise import clamp
 from parapod.systems.hardware.cia402 import objects
-from parapod.systems.hardware.cia402.controller import Timing
 from parapod.systems.hardware.cia402.device import LONGEST, Cia402Device
 from parapod.systems.hardware.cia402.set_up import mode_of
 from parapod.systems.hardware.cia402.settings import AxesSettings
 from parapod.systems.hardware.cia402.states import Controlword
-from parapod.systems.hardware.clock import monotonic
 
 
 class Steered(Cia402Device):
@@ -22,27 +20,16 @@ class Steered(Cia402Device):
     commands of a controller that hangs.
     """
 
-    def __init__(
-        self,
-        settings: AxesSettings,
-        timing: Timing = Timing(),
-        is_synchronous: bool = True,
-        clock: Callable[[], float] = monotonic,
-    ):
-        """See `Cia402Device`."""
-        super().__init__(settings, timing, is_synchronous, clock)
-        self._wanted: Sequence[float] = (0.0,) * len(settings.node_ids)
-        # Set values that have been sent; None: another controlword has.
-        self._sent: list[int | None] | None = None
-
-    def _want(self, command: Sequence[float] | None) -> None:
-        self._wanted = (0.0,) * len(self._directions) if command is None else command
-
-    def _begin(self, settings: Sequence[int]) -> None:
-        """Enabled at zero, drives move nothing until the first command."""
+    # Set values that have been sent; None: another controlword has.
+    _sent: list[int | None] | None = None
 
     def _run(self) -> None:
         self._send(Controlword.ENABLE_OPERATION, self._targets())
+
+    @property
+    def _desired(self) -> Sequence[float]:
+        """Newest command; zeros for axes that are to stay where they are."""
+        return (0.0,) * len(self._directions) if self._wanted is None else self._wanted
 
     def _send(
         self, word: Controlword, settings: Sequence[int] = (), offsets: Sequence[int] = ()
@@ -86,32 +73,17 @@ class Cia402Velocities(Steered):
     silent or has a fault.
     """
 
-    def __init__(
-        self,
-        settings: AxesSettings,
-        timing: Timing = Timing(),
-        is_synchronous: bool = True,
-        clock: Callable[[], float] = monotonic,
-    ):
-        """See `Cia402Device`."""
-        super().__init__(settings, timing, is_synchronous, clock)
-        self._limits = settings.limits
+    def _adopt(self, settings: AxesSettings) -> None:
+        super()._adopt(settings)
+        self._limits = None if self._is_homing else settings.limits
+        self._has_limits = self._limits is not None
         # Velocities of the axes that a ramp of ours has led to, and since when.
         self._led = [0.0] * len(settings.node_ids)
         self._leads, self._led_at = mode_of(settings) is objects.CYCLIC_VELOCITY, -math.inf
 
-    def seek_reference(self) -> None:
-        """See `Cia402Device`."""
-        super().seek_reference()
-        self._limits = None
-
-    @property
-    def _has_limits(self) -> bool:
-        return self._limits is not None
-
     def _targets(self) -> list[int]:
         """Velocities of the motors for those that are wanted of the axes, in the drives' unit."""
-        velocities = self._wanted
+        velocities = self._desired
         if (limits := self._limits) is not None:
             is_known = self._clock() - self._measured <= limits.lead
             allowed = limits.allowed(velocities, self._position)

@@ -105,7 +105,7 @@ def make_legs(make_rig):
 
     def make(position=0.7, hold_up=60.0, **changes):
         clock = Clock()
-        switches = switches_of_limbs(LIMBS)._asdict()
+        switches = switches_of_limbs(LIMBS)
         settings = {
             "node_ids": [*range(1, AXES + 1)],
             "lead_mm": 5.0,

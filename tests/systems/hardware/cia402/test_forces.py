@@ -451,7 +451,7 @@ def test_power_is_taken_from_axes_that_move_without_waiting_for_them(axes, monke
     axes.cycle(100.0, 100.0)
     axes.set("velocity", 0.3, 0.3)
     waits = lambda: pytest.fail("waits for axes that nothing slows down")  # noqa: E731
-    monkeypatch.setattr(axes.drives, "_wait_for_standstill", waits)
+    monkeypatch.setattr(axes.drives, "_come_to_rest", waits)
     axes.drives.deactivate()
     assert axes.drives._word is Controlword.DISABLE_VOLTAGE
     assert set(axes.rig.nodes.states) == {DriveState.SWITCH_ON_DISABLED}

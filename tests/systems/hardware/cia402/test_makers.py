@@ -237,7 +237,7 @@ def led(rig, position, cycles):
         rig.tick.now += PERIOD
         rig.drives.read()
         rig.drives.write({"position_command": (position,) * 2, "brake": (0.0,)})
-    rig.drives._controllers[-1].poll()  # what was sent has arrived
+    rig.drives._controllers[-1].sample(None)  # what was sent has arrived
 
 
 def settings_of(rig):

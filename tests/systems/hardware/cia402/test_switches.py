@@ -43,7 +43,7 @@ def switch(legs, wanted, brake=0.0, timeout=None):
 def flush(legs):
     """Waits until the nodes have obeyed all that has been sent."""
     for controller in legs.drives._controllers:
-        controller.poll()
+        controller.sample(None)
 
 
 # --- commands
@@ -209,7 +209,7 @@ def test_an_input_that_stops_the_drive_itself_is_not_taken(make_legs):
 
 
 def test_only_nodes_with_outputs_have_a_frame_for_them():
-    limbs = switches_of_limbs(3)._asdict() | {"clamp_nodes": [2, 4, 4]}
+    limbs = switches_of_limbs(3) | {"clamp_nodes": [2, 4, 4]}
     limbs |= {"clamp_outputs": [1, 1, 2], "clamp_inputs": [1, 1, 2]}
     settings = PositionScrewSettings(node_ids=[1, 2, 3, 4, 5, 6], **limbs)
     for node_id in settings.node_ids:
