@@ -24,8 +24,6 @@ class Epos2MotorScrews(Epos2PositionScrews):
         position_max_mm: largest positions [mm]; null: those of the model.
         position_at_start_mm: measured positions at the start of the program [mm]; null: not
             measured, so the file must know them.
-        stop_node: address of the controller at whose digital input is a contact of the emergency
-            stop, which is closed while that is not pressed; null: none is measured.
     """
 
     part: str = "motors"

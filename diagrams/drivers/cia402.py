@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from parapod.diagrams.drivers.driver import Driver, PartPorts, emulated, named
-from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.cia402.settings import (
     AxesSettings,
     Control,
@@ -22,7 +21,6 @@ from parapod.systems.hardware.cia402.settings import (
 )
 
 if TYPE_CHECKING:
-    from parapod.systems.hardware.cia402.device import Cia402Device
     from parapod.systems.hardware.device import Device
     from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
@@ -33,33 +31,31 @@ class _Axes(AxesSettings, Driver):
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
-        with named(self):
-            device = self._device()
-            if "emergency_stop" in device.measures and "emergency_stop" not in ports.measures:
-                raise ValueError(f"with stop_node there must be a port {self.part}.emergency_stop")
-            return device
-
-    def _device(self) -> "Cia402Device":
-        """The device of what is commanded."""
         from parapod.systems.hardware.cia402.forces import Cia402Forces
         from parapod.systems.hardware.cia402.positions import Cia402Positions
         from parapod.systems.hardware.cia402.velocities import Cia402Velocities
 
-        match self.control:
-            case Control.VELOCITY:
-                return Cia402Velocities(self)
-            case Control.POSITION:
-                return Cia402Positions(self)
-            case Control.FORCE:
-                return Cia402Forces(self)
+        kinds: dict[Control, type[Cia402Velocities | Cia402Positions | Cia402Forces]] = {
+            Control.VELOCITY: Cia402Velocities,
+            Control.POSITION: Cia402Positions,
+            Control.FORCE: Cia402Forces,
+        }
+        with named(self):
+            if self.has("position_file") and not self.position_file:
+                raise ValueError("it needs a position_file")
+            device = kinds[self.control](self)
+            if "emergency_stop" in device.measures and "emergency_stop" not in ports.measures:
+                raise ValueError(f"with stop_node there must be a port {self.part}.emergency_stop")
+            return device
 
     def emulate(
         self, harness: "Harness", misbehaviour: "Misbehaviour"
     ) -> AbstractContextManager[object]:
-        """See `Driver`: an SLCAN adapter with all the controllers behind it."""
+        """See `Driver`: an SLCAN adapter, all controllers behind it, and a file of positions."""
         from parapod.systems.hardware.cia402.emulated_drive import EmulatedMotor
         from parapod.systems.hardware.cia402.emulator import Cia402Nodes
         from parapod.systems.hardware.cia402.makers import MAKERS
+        from parapod.systems.hardware.position_memory import PositionMemory
 
         if self.interface == "ethercat":  # has no emulator
             return super().emulate(harness, misbehaviour)
@@ -70,7 +66,7 @@ class _Axes(AxesSettings, Driver):
             maker=MAKERS[self.drive],
             force_per_current=self.force_per_current,
         )
-        return Cia402Nodes(
+        nodes = Cia402Nodes(
             harness,
             self.node_ids,
             channel=link,  # drivers in one process have buses of their own, too
@@ -83,6 +79,11 @@ class _Axes(AxesSettings, Driver):
             stop_contact=None if self.stop_node is None else (self.stop_node, self.stop_input),
             switches=self.switches,
         )
+        path = self.positions_path
+        if path and path != self.position_file:  # a file elsewhere is of another machine
+            memory = PositionMemory(Path(path), len(self.node_ids))
+            memory.save(harness.get(f"{self.part}.position"))
+        return nodes
 
 
 @dataclass
@@ -104,32 +105,7 @@ class Epos2TorqueAxes(TorqueSettings, _Axes):
 
 
 @dataclass
-class _Screws(_Axes):
-    """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand."""
-
-    def make(self, ports: PartPorts) -> "Device":
-        """See `Driver`."""
-        with named(self):
-            if not self.position_file:
-                raise ValueError("it needs a position_file")
-        return super().make(ports)
-
-    def emulate(
-        self, harness: "Harness", misbehaviour: "Misbehaviour"
-    ) -> AbstractContextManager[object]:
-        """See `Driver`: as for other axes, and a file that knows the lengths."""
-        from parapod.systems.hardware.position_memory import PositionMemory
-
-        emulator = super().emulate(harness, misbehaviour)
-        position_file_path = resolved(self.position_file)
-        if position_file_path != self.position_file:  # a file elsewhere is of another machine
-            memory = PositionMemory(Path(position_file_path), len(self.node_ids))
-            memory.save(harness.get(f"{self.part}.position"))
-        return emulator
-
-
-@dataclass
-class Epos2Screws(ScrewSettings, _Screws):
+class Epos2Screws(ScrewSettings, _Axes):
     """Screws on EPOS2 24/5 controllers, with a file that remembers where they stand.
 
     See `Cia402Velocities`, `PositionMemory` and `SoftLimits`.
@@ -137,7 +113,7 @@ class Epos2Screws(ScrewSettings, _Screws):
 
 
 @dataclass
-class Epos2PositionScrews(PositionScrewSettings, _Screws):
+class Epos2PositionScrews(PositionScrewSettings, _Axes):
     """Screws whose positions are commanded, and locks and clamps at the same controllers.
 
     See `Cia402Positions` and `PositionMemory`; for a machine of limbs `switches_of_limbs`.
@@ -145,7 +121,7 @@ class Epos2PositionScrews(PositionScrewSettings, _Screws):
 
 
 @dataclass
-class Epos2ForceSlides(ForceSlideSettings, _Screws):
+class Epos2ForceSlides(ForceSlideSettings, _Axes):
     """Slides whose forces are commanded, by the motors' currents, on EPOS2 24/5 controllers.
 
     See `Cia402Forces`: without a command, and after any stop, nothing holds them.

@@ -1,6 +1,7 @@
 """Drivers with the levelling platform's own defaults."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from parapod.diagrams.drivers.cia402 import Epos2Axes, Epos2PositionAxes
 from parapod.systems.core.schema import quantity
@@ -36,12 +37,9 @@ class Epos2Arm(Epos2PositionAxes):
         gear: reduction between motor and joint [-].
     """
 
+    has_brake: ClassVar[bool] = False  # the arm has no such signal
+
     part: str = "arm"
     node_ids: list[int] = quantity([1, 2], 1, 127)
     channel: str = "emulator/can_arm"
     gear: float = quantity(100.0, 0.1, 10000.0)
-
-    @property
-    def has_brake(self) -> bool:
-        """See `AxesSettings`; the arm has no such signal."""
-        return False

@@ -16,17 +16,12 @@ class Epos2Sliders(Epos2PositionScrews):
 
     Attributes:
         node_ids: addresses of the controllers of the sliders 1, 2 and 3.
-        counts_per_turn: encoder counts per turn of the motor, all four edges [-].
         max_velocity_rpm: largest velocity of a motor [rpm]; 2100 are 3.5 m/s.
         lead_mm: way of a slider per turn of its pulley [mm].
         following_error_mm: distance of a slider from its set value at which its drive gives up
             [mm].
         position_min_mm: places along the rail behind which nothing goes [mm]; null: its ends.
         position_max_mm: places ahead of which nothing goes [mm]; null: its ends.
-        quick_stop_mm_s2: deceleration with which they stop for want of heartbeats, and to brake
-            [mm/s^2].
-        stop_node: address of the controller at whose digital input is a contact of the emergency
-            stop, which is closed while that is not pressed; null: none is measured.
     """
 
     part: str = "sliders"

@@ -1,6 +1,7 @@
 """Drivers with the walking chair's own defaults."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from parapod.diagrams.drivers.cia402 import Epos2Screws
 from parapod.systems.core.schema import quantity
@@ -20,9 +21,9 @@ class Epos2Legs(Epos2Screws):
         max_velocity_rpm: largest velocity of a motor [rpm]; 4800 are 80 mm/s.
         position_min_mm: lengths below which nothing retracts [mm]; null: the strokes' ends.
         position_max_mm: lengths above which nothing extends [mm]; null: the strokes' ends.
-        stop_node: address of the controller at whose digital input is a contact of the emergency
-            stop, which is closed while that is not pressed; null: none is measured.
     """
+
+    axis_names: ClassVar[tuple[str, ...]] = BRANCHES
 
     part: str = "legs"
     stop_node: int | None = quantity(1, 1, 127)
@@ -33,8 +34,3 @@ class Epos2Legs(Epos2Screws):
     position_min_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_BRANCHES)
     position_max_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_BRANCHES)
     position_at_start_mm: list[float] | None = quantity(None, 0.0, 20_000.0, length=_BRANCHES)
-
-    @property
-    def axis_names(self) -> tuple[str, ...]:
-        """See `AxesSettings`."""
-        return BRANCHES

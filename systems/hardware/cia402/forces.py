@@ -109,7 +109,7 @@ class Cia402Forces(Steered):
 
     def _adopt(self, settings: AxesSettings) -> None:
         super()._adopt(settings)
-        possible = (settings.current_limit or math.inf) * settings.force_per_current
+        possible = settings.current_limit_a * settings.force_per_current
         if settings.max_force > possible * (1.0 + 1e-9) and not self._is_homing:
             raise ValueError(
                 f"the largest force or torque is {settings.max_force:g}, but current_limit_a = "

@@ -14,9 +14,7 @@ from parapod.systems.hardware.soft_limits import check_order
 def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[Entry, int]]:
     """Entries that a drive must have before it may be enabled, in order.
 
-    Args:
-        settings: settings of the drives.
-        rated: rated current of its motor [mA].
+    Its motor has a `rated` current [mA].
     """
     maker, mode = MAKERS[settings.drive], mode_of(settings)
     per_rpm = maker.per_rpm(settings.counts_per_turn)
@@ -38,13 +36,11 @@ def set_up_of(settings: AxesSettings, rated: float = 1000.0) -> Iterator[tuple[E
         yield objects.PERIOD_EXPONENT, -3
     if settings.following_error is not None:
         yield objects.MAX_FOLLOWING_ERROR, round(settings.counts(settings.following_error))
-    yield (
-        objects.QUICK_STOP_DECELERATION,
-        max(1, round(settings.quick_stop_deceleration * per_unit)),
-    )
-    if settings.current_limit is not None:
+    quick_stop = max(1, round(settings.quick_stop_deceleration * per_unit))
+    yield objects.QUICK_STOP_DECELERATION, quick_stop
+    if settings.has("current_limit_a"):
         unit = 1000.0 / rated if maker.is_relative else 1.0
-        yield maker.current_limit, round(1e3 * settings.current_limit * unit)
+        yield maker.current_limit, round(1e3 * settings.current_limit_a * unit)
     yield objects.ABORT_CONNECTION, objects.ABORT_BY_QUICK_STOP
 
 
@@ -74,9 +70,8 @@ def reports(settings: AxesSettings, node_id: int) -> tuple[Pdo, ...]:
     maker = MAKERS[settings.drive]
     inputs = [maker.inputs.state] if settings.inputs_of(node_id) else []
     current = [maker.current] if settings.measures_current else []
-    return objects.sent(
-        [objects.STATUSWORD, objects.POSITION, *inputs, objects.VELOCITY, *current]
-    )
+    motion = (objects.STATUSWORD, objects.POSITION, *inputs, objects.VELOCITY)
+    return objects.sent([*motion, *current])
 
 
 def check(settings: AxesSettings, heartbeat_period: float) -> None:
@@ -122,14 +117,12 @@ def check(settings: AxesSettings, heartbeat_period: float) -> None:
         raise ValueError(f"feedforward must be 0 with mode {mode.number} of {maker.name}")
     for each in settings.node_ids:
         inputs, outputs = settings.inputs_of(each), settings.outputs_of(each)
-        for what, numbers, pins in (
-            ("input", inputs, maker.inputs),
-            ("output", outputs, maker.outputs),
-        ):
-            if numbers and max(numbers) > len(pins.bits):
+        pins = ("inputs", inputs, maker.inputs.bits), ("outputs", outputs, maker.outputs.bits)
+        for what, numbers, bits in pins:
+            if (number := max(numbers, default=0)) > len(bits):
                 raise ValueError(
-                    f"digital {what}s of {maker.name} are 1..{len(pins.bits)}, not {max(numbers)}"
+                    f"digital {what} of {maker.name} are 1..{len(bits)}, not {number}"
                 )
-    node, number = settings.stop_node, settings.stop_input
-    inputs_taken = {} if node is None else {(node, number): "stop_input"}
+    node, stop = settings.stop_node, settings.stop_input
+    inputs_taken = {} if node is None else {(node, stop): "stop_input"}
     check_switches(settings.switches, settings.node_ids, inputs_taken)
