@@ -25,6 +25,8 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from rich.console import Console
 
+from tests.network import enter_own_network
+
 # Where programs beside each other are judged by the clock; elsewhere single tests are, by `judge`.
 REAL_TIME = ("diagrams/test_hardware_station.py", "sims/real_machine")
 # Where tests share whole runs of experiments, which one process a machine therefore makes; and
@@ -44,6 +46,18 @@ LONG_RUNS = ("tests/sims/study", "tests/test_notebooks.py", "tests/your_own")
 _REAL_TIME = tuple(f"tests/{name}{'::' if name.endswith('.py') else '/'}" for name in REAL_TIME)
 # Machines beside the platform, by what the names of their tests hold.
 OTHERS = {"the chair": "chair", "the centres": "centre|centres", "the bench": "bench-|terrain"}
+
+
+def pytest_configure(config):
+    """Has this process, and those that it begins, in a network of their own where it may."""
+    if not hasattr(config, "workerinput"):
+        config.own_network_refused = enter_own_network()
+
+
+def pytest_report_header(config):
+    """Says in which network messages to groups go."""
+    why = config.own_network_refused
+    return f"network: {why or 'a loopback of their own'}"
 
 
 @pytest.hookimpl(wrapper=True)

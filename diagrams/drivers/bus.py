@@ -33,6 +33,7 @@ class _BusPart(Driver):
         key: key that has the address.
     """
 
+    is_program: ClassVar[bool] = True
     key: ClassVar[str]
     part: str = "legs"
     rate_Hz: float = quantity(200.0, 1.0, 2000.0)  # noqa: N815 (the unit's symbol)

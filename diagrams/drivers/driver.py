@@ -55,9 +55,11 @@ class Driver(Variant):
     Attributes:
         part: part of the machine, as in the names of its ports.
         is_timeless: true if the device has no time of its own, as one that is not fitted.
+        is_program: true if a program has the place of the device, which serves all such parts.
     """
 
     is_timeless: ClassVar[bool] = False
+    is_program: ClassVar[bool] = False
 
     others = "those of your own come with --drivers FILE, or with a package's parapod.drivers"
 

@@ -1,5 +1,6 @@
 """Emulated devices run for a controller in another program, and made to misbehave."""
 
+import gc
 import itertools
 import math
 import multiprocessing
@@ -161,6 +162,9 @@ def _serve(
             for driver in drivers:
                 misbehaviour = harness.misbehaviour(driver.part, seed)
                 stack.enter_context(driver.emulate(harness, misbehaviour))
+            # A collection would look through all of this for 50 ms, while no device answers.
+            gc.collect()
+            gc.freeze()
             _tell(connection, _READY)
             connection.poll(None)
     except ScenarioError as error:
@@ -274,7 +278,9 @@ class EmulatedMachine:
         drivers = [one for one in self.drivers if not one.is_timeless]
         # A real device does not wait for another one: by the computer's clock these must not for
         # Python's interpreter lock, and have a process each. An emulated time waits for them.
-        groups = [[driver] for driver in drivers] if self.clock is None else [drivers]
+        alone = [[one] for one in drivers if not one.is_program]
+        together = [one for one in drivers if one.is_program]
+        groups = [*alone, *filter(None, [together])] if self.clock is None else [drivers]
         seed = self._scenario.seed
         neutral = {spec.name: spec.neutral for spec in self.machine.inputs}
         try:
@@ -504,7 +510,7 @@ def emulate(
             if record is not None and next(ticks) % every == 0:
                 record.write(now, emulated.values(root))
 
-        with undisturbed((FIFO,), priority=EMULATED):
+        with undisturbed((FIFO,)):
             emulated.run(min(duration, _FOREVER), on_tick)
 
 

@@ -11,7 +11,6 @@ import resource
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 FIFO, MEMORY, CORE = "SCHED_FIFO", "mlockall", "affinity"
@@ -123,7 +122,7 @@ def parsed_cores(text: str) -> set[int]:
 
 @contextmanager
 def privileges(
-    requests: Collection[str], kernel: Kernel = KERNEL, priority: int = PRIORITY
+    requests: Collection[str], kernel: Kernel = KERNEL
 ) -> Iterator[tuple[Outcome, ...]]:
     """Takes privileges for the calling thread and those that it starts meanwhile.
 
@@ -133,12 +132,11 @@ def privileges(
     Args:
         requests: names of `PRIVILEGES`.
         kernel: system calls.
-        priority: priority under SCHED_FIFO.
 
     Yields what the kernel has said to each.
     """
     takers: dict[str, Callable[[Kernel, ExitStack], str]] = {
-        FIFO: partial(_with_fifo, priority=priority),
+        FIFO: _with_fifo,
         MEMORY: _with_memory,
         CORE: _with_core,
     }
@@ -164,7 +162,7 @@ def take_priority(kernel: Kernel = KERNEL, priority: int = PRIORITY) -> Outcome:
     return Outcome(FIFO, True, words)
 
 
-def _with_fifo(kernel: Kernel, stack: ExitStack, priority: int) -> str:
+def _with_fifo(kernel: Kernel, stack: ExitStack, priority: int = PRIORITY) -> str:
     if kernel.is_fifo():
         return "the program had it before"
     kernel.set_fifo(priority)

@@ -19,7 +19,6 @@ from parapod.sims.real_machine.privileges import (
     FIFO,
     KERNEL,
     MEMORY,
-    PRIORITY,
     Kernel,
     Outcome,
     privileges,
@@ -262,7 +261,7 @@ def rehearse(diagram: Diagram, context: Context) -> None:
 
 @contextmanager
 def undisturbed(
-    requests: Collection[str] = USUAL, kernel: Kernel = KERNEL, priority: int = PRIORITY
+    requests: Collection[str] = USUAL, kernel: Kernel = KERNEL
 ) -> Iterator[tuple[Outcome, ...]]:
     """Keeps Python's garbage collector and other programs away, as far as permitted.
 
@@ -273,7 +272,6 @@ def undisturbed(
     Args:
         requests: names of `PRIVILEGES`.
         kernel: system calls.
-        priority: priority under SCHED_FIFO.
 
     Yields what the kernel has said to each of them.
     """
@@ -284,7 +282,7 @@ def undisturbed(
     gc.disable()
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
-        with privileges(requests, kernel, priority) as outcomes:
+        with privileges(requests, kernel) as outcomes:
             yield outcomes
     finally:
         sys.setswitchinterval(interval)

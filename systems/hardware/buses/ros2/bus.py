@@ -215,6 +215,8 @@ class Ros2Bus(Bus):
         with suppress(WrongMessage):  # a value that is not finite is in the array alone
             values = layout.unpack(message)
             for kind, signals, publisher, standard_message in views:
+                if not publisher.get_subscription_count():
+                    continue
                 fill(standard_message, kind, layout.part, signals, values)
                 standard_message.header.stamp = self._time(message.stamp)
                 publisher.publish(standard_message)
