@@ -1,5 +1,6 @@
 """ROS 2 by its own library: a managed node whose topics are the channels of parts."""
 
+import itertools
 import os
 import threading
 from collections.abc import Mapping, Sequence
@@ -27,8 +28,8 @@ from parapod.systems.hardware.device import DeviceError, DeviceFault
 # Key of the environment that says how far ROS 2 looks for other nodes, and what the user's said.
 _REACH, _HERE, _SUBNET = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST", "SUBNET"
 _GIVEN = os.environ.get(_REACH, _HERE)
-# Period of looks at what has come, and of those at who publishes what and at requests [s].
-_LOOK, _SELDOM = 1e-3, 0.05
+# Period of looks at what has come [s], and of those at who publishes what and at requests, by it.
+_LOOK, _SELDOM = 1e-3, 50
 # Topics that every node has.
 _USUAL = {"/rosout", "/parameter_events"}
 
@@ -147,7 +148,7 @@ class Ros2Bus(Bus):
         return Never()
 
     def _receive(self) -> None:
-        seldom = 0.0
+        looks = itertools.count()
         while not self._over.wait(_LOOK):
             for channel, (kind, subscription) in list(self._subscriptions.items()):
                 while True:
@@ -156,8 +157,7 @@ class Ros2Bus(Bus):
                     if came is None:
                         break
                     self._take(channel, kind, *came)
-            if (now := monotonic()) >= seldom:
-                seldom = now + _SELDOM
+            if next(looks) % _SELDOM == 0:
                 self._executor.spin_once(timeout_sec=0.0)
                 self._look()
 

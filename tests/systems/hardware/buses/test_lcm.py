@@ -11,10 +11,13 @@ from pydrake.lcm import DrakeLcm
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.buses.address import LCM, Address, address_of, is_address
 from parapod.systems.hardware.buses.bus import Inbox
+from parapod.systems.hardware.buses.connection import connect
+from parapod.systems.hardware.buses.emulated_part import EmulatedBusPart
 from parapod.systems.hardware.buses.lcm import USUAL, LcmBus, decoded, encoded, local
 from parapod.systems.hardware.buses.message import Layout, Message
 from parapod.systems.hardware.buses.part import BusPart
 from parapod.systems.hardware.device import DeviceError, DeviceFault
+from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from tests.systems.hardware.buses.conftest import until
 
 LAYOUT = Layout({"position": 2})
@@ -163,3 +166,58 @@ def test_an_address_that_lcm_does_not_take_is_refused_in_a_line():
     ) as caught:
         LcmBus(Address(LCM, "nothing://"))
     assert "\n" not in str(caught.value)
+
+
+def test_parts_of_one_program_share_a_connection_until_the_last_is_closed(lcm_url):
+    address = Address(LCM, lcm_url, "_SHARED")
+    one, other = connect(address), connect(address._replace(status="/elsewhere"))
+    apart = connect(address, "emulator")
+    try:
+        assert one is other
+        assert apart is not one
+        inbox = Inbox("ARM_STATUS_SHARED", Layout({"position": 1}), math.inf, 60.0)
+        other.subscribe(inbox)
+        one.close()
+        message = Message(("position",), (2.0,), 1.0)
+        until(lambda: apart.publish("ARM_STATUS_SHARED", message) or inbox.newest)
+        other.unsubscribe(inbox)
+        apart.publish("ARM_STATUS_SHARED", message._replace(stamp=2.0))
+        time.sleep(0.05)
+        assert inbox.newest.message.stamp == 1.0
+    finally:
+        other.close()
+        apart.close()
+    again = connect(address)
+    assert again is not one
+    again.close()
+
+
+@pytest.mark.parametrize("kind", ["off", "unplugged"])
+def test_an_emulated_part_that_hears_nothing_becomes_neutral(lcm_url, kind):
+    sizes = {"legs.position": 1, "legs.voltage": 2, "legs.stop": 1}
+    harness = Harness(sizes, idle={"legs.voltage": 0.0, "legs.stop": 1.0})
+    address, misbehaviour = Address(LCM, lcm_url, f"_{kind}"), Misbehaviour()
+    part = BusPart(
+        "legs", address, {"position": 1}, {"voltage": 2, "stop": 1}, fail_safe=("stop",)
+    )
+    commands = {"voltage": (3.0, -3.0), "stop": (0.0,)}
+    neutral = [(0.0, 0.0), (1.0,)]
+
+    def values():
+        return [harness.get("legs.voltage"), harness.get("legs.stop")]
+
+    def obeyed():
+        part.write(commands)
+        return values() == list(commands.values())
+
+    def left():
+        part.write(commands)
+        return values() == neutral
+
+    with EmulatedBusPart("legs", address, harness, misbehaviour):
+        part.configure()
+        part.activate()
+        until(obeyed)
+        misbehaviour.begin(kind, time.monotonic())
+        until(left)
+        part.close()

@@ -208,6 +208,14 @@ def test_joint_states_of_another_node_are_taken_and_other_types_are_named(graph,
         third.close()
 
 
+def test_messages_come_while_the_time_of_devices_stands(buses, monkeypatch):
+    monkeypatch.setattr("parapod.systems.hardware.buses.ros2.bus.monotonic", lambda: 5.0)
+    one, other = buses
+    inbox = Inbox("/legs/status", LEGS, math.inf, 60.0)
+    other.subscribe(inbox)
+    assert heard(one, inbox, stamps()).arrived == 5.0
+
+
 def test_two_senders_of_commands_are_named(graph, buses):
     one, other = buses
     commands = Layout({"voltage": 1}, {}, "legs")
