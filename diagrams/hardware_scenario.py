@@ -69,9 +69,9 @@ class HardwareScenario(Schema):
             key: key of the scenario, or option, that has the text.
 
         Raises:
-            ScenarioError: another kind, or a place that the kind does not have.
+            ScenarioError: another kind, a place that the kind does not have, or a name of none.
         """
         address = address_of(text, key)
         name = text.partition("://")[2].partition("#")[0]
-        named = {bus.name: bus for bus in self.lcm_buses}
-        return named[name].address if address.kind == LCM and name in named else address
+        is_name = address.kind == LCM and name.isidentifier()
+        return bus_named(self.lcm_buses, name, key).address if is_name else address

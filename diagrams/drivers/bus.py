@@ -108,8 +108,8 @@ def bus_named(buses: Sequence[LcmBus], name: str, key: str) -> LcmBus:
     """
     named = {bus.name: bus for bus in buses}
     if name not in named:
-        there = f"not one of {', '.join(named)}" if named else "of no bus: lcm_buses is empty"
-        raise ScenarioError(f"{key} = {quoted(name)} is {there}", key)
+        there = ", ".join(named) or "there are none"
+        raise ScenarioError(f"{key} = {quoted(name)} is not one of lcm_buses: {there}", key)
     return named[name]
 
 

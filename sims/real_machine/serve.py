@@ -57,7 +57,7 @@ def serve(
     one = machine.for_scenario(scenario)
     # Its signals, such as estimates, may come from the controller on the bus, and be logged.
     usual = one.controller(one.scenario())
-    bus = scenario.hardware.address(address, "the bus")
+    bus = scenario.hardware.address(address, f"--{address.partition(':')[0]}")
     controller = bus_controller(one, period, bus, usual, patience=0.0)
     loop = ClosedLoop(machine, scenario, controller=controller, sources=())
     until, what = min(duration, _FOREVER), f"{machine.experiment} on {controller.station.bus.name}"

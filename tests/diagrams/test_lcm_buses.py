@@ -46,7 +46,7 @@ def test_drivers_and_controllers_find_a_bus_by_its_name(tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("right", "hardware.drivers.0.lcm_bus = 'right' is not one of left, inside"),
+        ("right", "hardware.drivers.0.lcm_bus = 'right' is not one of lcm_buses: left, inside"),
         ("", None),
     ],
 )
@@ -58,8 +58,12 @@ def test_a_bus_that_there_is_not_is_named_with_those_there_are(tmp_path, name, w
     with pytest.raises(ScenarioError) as caught:
         PLATFORM.drivers(scenario)
     assert str(caught.value) == words
+    with pytest.raises(
+        ScenarioError, match=f"^bus = '{name}' is not one of lcm_buses: left, inside$"
+    ):
+        scenario.hardware.address(f"lcm://{name}", "bus")
     scenario.hardware.lcm_buses = []
-    with pytest.raises(ScenarioError, match="lcm_buses is empty"):
+    with pytest.raises(ScenarioError, match="lcm_buses: there are none"):
         PLATFORM.drivers(scenario)
 
 
