@@ -14,6 +14,8 @@ LEFT, FRONT = (1, -1, -1, 1), (-1, -1, 1, 1)
 PERIOD = 0.01  # [s]
 SMOOTHING, LEANING, GAIN = 0.3, 0.8, 2000.0  # [s], [1/s], [V/m]
 SUPPLY = 12.0  # [V]
+# A guard takes the platform's turning faster than .06 rad/s for a fault.
+FASTEST = 0.04  # [rad/s]
 
 
 class Leveller:
@@ -32,7 +34,8 @@ class Leveller:
         share = PERIOD / SMOOTHING
         for i in range(2):
             self.inclination[i] += share * (inclination[i] - self.inclination[i])
-            self.lean[i] -= PERIOD * LEANING * self.inclination[i]
+            rate = LEANING * self.inclination[i]
+            self.lean[i] -= PERIOD * max(-FASTEST, min(FASTEST, rate))
         roll, pitch = self.lean
         voltages = []
         for i in range(4):

@@ -16,6 +16,7 @@ from parapod.diagrams.wiring import inputs_of, outputs_of
 from parapod.sims.output.drawn_bodies import frames, robot_description
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import logged, punctuality_of, run_on_hardware
+from parapod.sims.real_machine.privileges import FIFO, privileges
 from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, undisturbed
 from parapod.systems.core.errors import MissingExtra, ScenarioError
 from parapod.systems.core.ports import read
@@ -60,17 +61,21 @@ def serve(
     bus = scenario.hardware.address(address, f"--{address.partition(':')[0]}")
     controller = bus_controller(one, period, bus, usual, patience=0.0)
     loop = ClosedLoop(machine, scenario, controller=controller, sources=())
-    until, what = min(duration, _FOREVER), f"{machine.experiment} on {controller.station.bus.name}"
+    is_real = scenario.backend == "hardware"
 
     def say(text: str) -> None:
         options.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
+        # The bus's threads have the loop's priority, or they would wait for it.
+        stack.enter_context(privileges((FIFO,) if is_real else ()))
         stack.callback(controller.close)
+        until = min(duration, _FOREVER)
+        what = f"{machine.experiment} on {controller.station.bus.name}"
         introduce(controller, f"{machine.title}, {scenario.backend}", period, say)
         news, scene = _News(controller, say), _Scene(one, scenario, controller, say)
-        if scenario.backend == "hardware":
+        if is_real:
 
             def look(root: Context) -> bool:
                 news.tell(root)
