@@ -12,7 +12,7 @@ from parapod.systems.core.extras import need
 from parapod.systems.hardware.buses.address import ROS2, Address
 from parapod.systems.hardware.buses.bus import Bus, Poses
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
-from parapod.systems.hardware.buses.ros2.arrays import Arrays
+from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
 from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
     TOPICS,
@@ -93,14 +93,7 @@ class Ros2Bus(Bus):
             )
         except Exception as error:  # of a library in C, which has several
             raise DeviceError(self.name, str(error), DeviceFault.UNPLUGGED) from error
-        serialization = need("rclpy.serialization")
-        self._deserialized = serialization.deserialize_message
-        self._arrays = Arrays(
-            _message_type(ARRAY),
-            _message_type("std_msgs/msg/MultiArrayDimension"),
-            serialization.serialize_message,
-            self._deserialized,
-        )
+        self._deserialized = need("rclpy.serialization").deserialize_message
         self._publishers: dict[str, Any] = {}
         self._views: dict[str, tuple[Layout, list[tuple[str, Mapping[str, str], Any, Any]]]] = {}
         self._subscriptions: dict[str, tuple[str, Any]] = {}
@@ -184,7 +177,7 @@ class Ros2Bus(Bus):
 
     def publish(self, channel: str, message: Message) -> None:
         """See `Bus`."""
-        data = self._arrays.encoded(tuple(message.names), message.stamp, message.values)
+        data = encoded(message.names, message.stamp, message.values)
         self._publisher(ARRAY, channel).publish(data)
         if channel in self._views:
             self._publish_views(channel, message)
@@ -273,15 +266,12 @@ class Ros2Bus(Bus):
             return
         now, number = monotonic(), info.get("publication_sequence_number") or 0
         back, self._counted[channel] = number <= self._counted.get(channel, -1), number
-        if kind == ARRAY:
-            labels, values = self._arrays.decoded(data)
-        else:
-            message = self._deserialized(data, _message_type(kind))
+        message = None if kind == ARRAY else self._deserialized(data, _message_type(kind))
         for inbox in self._inboxes[channel]:
             try:
                 inbox.take(
-                    of_array(labels, values, inbox.layout)
-                    if kind == ARRAY
+                    of_array(*decoded(data), inbox.layout)
+                    if message is None
                     else values_of(kind, message, inbox.layout),
                     now,
                 )
