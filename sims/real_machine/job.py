@@ -1,6 +1,6 @@
 """A job on the real machine, in real time."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib.metadata import version
@@ -209,10 +209,7 @@ def end_by_guard(
     """
     if guard is None or loop.machine.real.guard is None:
         return lambda now: None
-    idle = {
-        spec.name: np.full((2, spec.size), [[spec.idle], [spec.neutral]])
-        for spec in loop.machine.inputs
-    }
+    idle = {spec.name: (spec.idle, spec.neutral) for spec in loop.machine.inputs}
     commands = loop.readings(root, frozenset(idle))
     has_acted = False
     parts = loop.station.behind.handle_as(Parts)
@@ -246,6 +243,13 @@ def end_by_guard(
         raise next(filter(None, errors), Tripped(trip, loop.machine.axes))
 
     return check
+
+
+def _is_any(values: NDArray[np.float64], numbers: Iterable[float]) -> bool:
+    """Whether all values are one and the same of these numbers."""
+    return any(
+        np.array_equal(values, np.full_like(values, number), equal_nan=True) for number in numbers
+    )
 
 
 @contextmanager

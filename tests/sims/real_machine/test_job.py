@@ -12,7 +12,7 @@ from parapod.diagrams.devices import Parts
 from parapod.diagrams.guard import Trip, Tripped
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
-from parapod.diagrams.ports import Behind
+from parapod.diagrams.ports import Behind, In
 from parapod.diagrams.station import Station
 from parapod.sims.real_machine.job import DeviceWatch, end_by_guard, show_timing
 from parapod.sims.real_machine.privileges import Outcome
@@ -99,11 +99,19 @@ class Encoders(IncrementalDevice):
 
 @pytest.fixture
 def guarded():
-    """guarded(rate, brake): encoders after a tick whose guard trips, at these commands."""
-    inputs = (SimpleNamespace(name="legs.rate", idle=0.0), SimpleNamespace(name="b", idle=1.0))
+    """guarded(rate, brake, stop): encoders after a tick whose guard trips, at these commands."""
+    inputs = (
+        In("legs.rate", 2, "m/s", "rates"),
+        In("legs.brake", 1, "-", "1: it brakes", idle=1.0),
+        In("legs.stop", 1, "-", "1: the supply is cut"),
+    )
 
-    def tick(rate, brake):
-        values = {"legs.rate": np.array([0.0, rate]), "b": np.array([brake])}
+    def tick(rate, brake, stop=0.0):
+        values = {
+            "legs.rate": np.array([0.0, rate]),
+            "legs.brake": np.array([brake]),
+            "legs.stop": np.array([stop]),
+        }
         device, trip = Encoders(), Trip("legs_stale", "old", ("legs",))
         guard = SimpleNamespace(signals=frozenset(), check=lambda now, values: trip)
         parts = Parts({"legs": [DeviceThread(device)]})
@@ -126,7 +134,8 @@ def guarded():
 
 
 def test_a_job_that_ends_before_its_first_command_keeps_its_positions(guarded):
-    assert not guarded(0.0, 1.0).is_distrusted
+    for stop in (0.0, 1.0):  # as where nothing drives it, and as of a neutral part
+        assert not guarded(0.0, 1.0, stop).is_distrusted
 
 
 @pytest.mark.parametrize(("rate", "brake"), [(0.1, 1.0), (0.0, 0.0), (math.nan, 1.0)])
