@@ -21,6 +21,7 @@ from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, 
 from parapod.systems.core.errors import MissingExtra, ScenarioError
 from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
+from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.signals import ended_by_signals
 
 # Longer than anybody serves a machine [s].
@@ -166,7 +167,7 @@ class _Scene:
         frames(self._twin)
         try:
             bus.describe(robot_description(self._twin, machine.name))
-        except MissingExtra as error:
+        except (MissingExtra, DeviceError) as error:
             self._twin = None
             say(f"  is not drawn: {error}")
 

@@ -52,19 +52,23 @@ def test_every_machine_describes_itself_on_ros_2(machine, monkeypatch):
             assert math.isclose(np.linalg.norm(turn), 1.0, rel_tol=1e-9)
 
 
-def test_a_machine_without_what_writes_poses_is_served_and_says_so(monkeypatch):
+@pytest.mark.parametrize(
+    ("option", "words"), [("", "the option ?tf=cyclonedds"), ("?tf=cyclonedds", "parapod[ros2]")]
+)
+def test_a_machine_without_what_writes_poses_is_served_and_says_so(monkeypatch, option, words):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from parapod.systems.hardware.buses.ros2 import bus
 
     def refuse(*_):
         raise MissingExtra("cyclonedds", "ros2", "not there")
 
-    monkeypatch.setattr(bus, "TransformWriter", refuse)
+    monkeypatch.setattr(bus, "ros_writer", lambda node: None)
+    monkeypatch.setattr(bus, "CycloneWriter", refuse)
     number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
     (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
-    said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
+    said = served(machine, f"ros2://{1 + number % 100}{option}#test_{number:08x}")
     (line,) = [line for line in said.splitlines() if "is not drawn" in line]
-    assert "parapod[ros2]" in line
+    assert words in line
 
 
 def test_a_machine_whose_scenario_names_a_controller_is_not_served():

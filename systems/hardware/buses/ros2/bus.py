@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.buses.address import ROS2, Address
+from parapod.systems.hardware.buses.address import CYCLONE, ROS2, SUBNET, Address
 from parapod.systems.hardware.buses.bus import Bus, Poses
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
@@ -21,7 +21,7 @@ from parapod.systems.hardware.buses.ros2.messages import (
     standard,
     values_of,
 )
-from parapod.systems.hardware.buses.ros2.transforms import TransformWriter
+from parapod.systems.hardware.buses.ros2.transforms import CycloneWriter, Writer, ros_writer
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
@@ -64,7 +64,7 @@ class Ros2Bus(Bus):
 
         Args:
             address: its place is the number of the domain, "" for that of the environment, and
-                `?range=subnet` where other computers are to be found; its suffix is the namespace.
+                after ? options, `SUBNET` and `CYCLONE`; its suffix is the namespace.
             name: name of the node.
 
         Raises:
@@ -74,11 +74,12 @@ class Ros2Bus(Bus):
         rclpy = need("rclpy")
         lifecycle = need("rclpy.lifecycle")
         signals = need("rclpy.signals")
-        domain, _, reach = address.place.partition("?")
+        domain, _, options = address.place.partition("?")
+        self._options = options.split("&")
         super().__init__(address)
         self._root = f"/{address.suffix}" if address.suffix else ""
         # ROS 2 looks at it when a context begins; what another bus asked for does not count.
-        os.environ[_REACH] = _SUBNET if reach else _GIVEN
+        os.environ[_REACH] = _SUBNET if SUBNET in self._options else _GIVEN
         self._is_local = os.environ[_REACH] == _HERE
         self.name = f"ROS 2 {ROS2}://{domain or os.environ.get('ROS_DOMAIN_ID', '0')}"
         self._context = need("rclpy.context").Context()
@@ -101,7 +102,7 @@ class Ros2Bus(Bus):
         self._latches: dict[str, object] = {}
         self._making = threading.Lock()
         self._is_active, self._is_stopped = False, False
-        self._transforms: TransformWriter | None = None
+        self._transforms: Writer | None = None
         self._node.trigger_configure()
         self._node.trigger_activate()
         self._stopping = f"{self._root}/station/stop"
@@ -229,10 +230,15 @@ class Ros2Bus(Bus):
         """See `Bus`: /robot_description; and /tf begins.
 
         Raises:
-            MissingExtra: nothing is installed that writes /tf.
+            DeviceError: nothing writes /tf.
+            MissingExtra: CycloneDDS is to, and is not installed.
         """
-        self._transforms = TransformWriter(self._node, self._is_local)
         self._latch("robot_description", "std_msgs/msg/String", urdf)
+        writer = ros_writer(self._node)
+        if writer is None and CYCLONE not in self._options:
+            words = f"/tf needs tf2_msgs of an installation of ROS 2, or the option ?{CYCLONE}"
+            raise DeviceError(self.name, words, DeviceFault.UNPLUGGED)
+        self._transforms = writer or CycloneWriter(self._node, self._is_local)
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
         """Publishes what late subscribers get as well, where it has changed."""
@@ -244,7 +250,7 @@ class Ros2Bus(Bus):
     def place(self, poses: Poses, time: float) -> None:
         """See `Bus`: /tf, once the machine is described."""
         if self._transforms is not None:
-            self._transforms.write(poses, time)
+            self._transforms.write(poses, round(1e9 * max(time, 0.0)))
 
     def _listen(self, channel: str) -> None:
         """See `Bus`: the next look takes the type that is published."""

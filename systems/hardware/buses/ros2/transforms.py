@@ -1,7 +1,8 @@
 """Poses of a machine's links on /tf, by ROS 2's own type or in its place.
 
 `tf2_msgs` is not among the packages of ROS 2 on PyPI. Where it is not installed, the same messages
-go out by CycloneDDS, whose types are made as they are used; any node on the graph takes them.
+can go out by CycloneDDS, whose types are made as they are used; any node on the graph takes them.
+But Fast DDS cannot look up these types, and may then find no topics of ours with standard types.
 """
 
 import importlib
@@ -31,36 +32,7 @@ _HERE = """<CycloneDDS><Domain>
 _ERRORS = 0b11
 
 
-class TransformWriter:
-    """Writes /tf."""
-
-    def __init__(self, node: Any, is_local: bool):
-        """Begins the topic.
-
-        Args:
-            node: node of the bus.
-            is_local: true if nodes of this computer alone are to be found.
-
-        Raises:
-            MissingExtra: there is neither `tf2_msgs` nor `cyclonedds`.
-        """
-        self._writer = _ros_writer(node) or _CycloneWriter(node, is_local)
-
-    def write(self, poses: Poses, time: float) -> None:
-        """Writes poses.
-
-        Args:
-            poses: position (3) [m] and quaternion (w, x, y, z) of each link in `WORLD`.
-            time: time of the machine [s].
-        """
-        self._writer.write(poses, round(1e9 * max(time, 0.0)))
-
-    def close(self) -> None:
-        """Ends the topic."""
-        self._writer.close()
-
-
-class _Writer:
+class Writer:
     """Fills messages of any classes with the fields of `tf2_msgs/msg/TFMessage`."""
 
     def __init__(self, kinds: Mapping[str, Any], publish: Any):
@@ -88,7 +60,7 @@ class _Writer:
         """Nothing is left open."""
 
 
-def _ros_writer(node: Any) -> _Writer | None:
+def ros_writer(node: Any) -> Writer | None:
     """By the types of ROS 2; None where they are not installed."""
     try:
         message = importlib.import_module("tf2_msgs.msg").TFMessage
@@ -99,10 +71,10 @@ def _ros_writer(node: Any) -> _Writer | None:
     kinds = {name: getattr(geometry, name) for name in names}
     kinds |= {"Header": std.Header, "Time": need("builtin_interfaces.msg").Time}
     publisher = node.create_publisher(message, "/tf", 100)
-    return _Writer(kinds | {"TFMessage": message}, publisher.publish)
+    return Writer(kinds | {"TFMessage": message}, publisher.publish)
 
 
-class _CycloneWriter(_Writer):
+class CycloneWriter(Writer):
     """By CycloneDDS, with the names that ROS 2 gives topics and types on the wire."""
 
     def __init__(self, node: Any, is_local: bool):
@@ -127,7 +99,7 @@ class _CycloneWriter(_Writer):
         self._open = writer, topic
 
     def close(self) -> None:
-        """See `_Writer`."""
+        """See `Writer`."""
         del self._open, self._participant, self._domain
 
 

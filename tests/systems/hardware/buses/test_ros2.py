@@ -1,5 +1,6 @@
 """ROS 2: messages by their fields, and a graph between nodes of this computer."""
 
+import importlib.util
 import math
 import os
 import struct
@@ -324,9 +325,19 @@ while time.monotonic() < end:
 """
 
 
-def test_transforms_are_on_the_graph_with_their_type_in_ros_2(graph, buses):
+def test_transforms_need_their_type_or_an_option(buses):
+    if importlib.util.find_spec("tf2_msgs"):
+        pytest.skip("tf2_msgs is installed")
+    with pytest.raises(DeviceError, match=r"/tf needs tf2_msgs .* the option \?tf=cyclonedds"):
+        buses[0].describe("<robot name='x'/>")
+
+
+def test_transforms_are_on_the_graph_with_their_type_in_ros_2(graph, request):
     pytest.importorskip("cyclonedds", reason="nothing here reads /tf")
-    one, other = buses
+    address = graph._replace(place=f"{graph.place}?tf=cyclonedds")
+    one, other = connect(address, "one"), connect(address, "other")
+    request.addfinalizer(one.close)
+    request.addfinalizer(other.close)
     one.describe("<robot name='x'/>")
     program = subprocess.Popen(
         [sys.executable, "-c", READER, graph.place],
