@@ -108,8 +108,10 @@ def bus_named(buses: Sequence[LcmBus], name: str, key: str) -> LcmBus:
     """
     named = {bus.name: bus for bus in buses}
     if name not in named:
-        there = ", ".join(named) or "there are none"
-        raise ScenarioError(f"{key} = {quoted(name)} is not one of lcm_buses: {there}", key)
+        there = (
+            f"not one of lcm_buses: {', '.join(named)}" if named else "no bus: lcm_buses is empty"
+        )
+        raise ScenarioError(f"{key} = {quoted(name)} is {there}", key)
     return named[name]
 
 

@@ -36,7 +36,7 @@ class NiWatchdog:
 
         Args:
             session: session with its card.
-            pool: threads that wait for a server in place of the caller; None: there is no server.
+            pool: threads that wait for a server in place of the caller; None: without one.
         """
         self._session, self._settings, self._pool = session, session.settings, pool
         self._errors, self._constants = need("nidaqmx.errors"), need("nidaqmx.constants")

@@ -5,7 +5,7 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from parapod.systems.core.extras import need
@@ -206,11 +206,12 @@ class Ros2Bus(Bus):
 
     def _publish_views(self, channel: str, message: Message) -> None:
         layout, views = self._views[channel]
+        views = [view for view in views if view[2].get_subscription_count()]
+        if not views:
+            return
         with suppress(WrongMessage):  # a value that is not finite is in the array alone
             values = layout.unpack(message)
             for kind, signals, publisher, standard_message in views:
-                if not publisher.get_subscription_count():
-                    continue
                 fill(standard_message, kind, layout.part, signals, values)
                 standard_message.header.stamp = self._time(message.stamp)
                 publisher.publish(standard_message)
@@ -272,15 +273,20 @@ class Ros2Bus(Bus):
             return
         now, number = monotonic(), info.get("publication_sequence_number") or 0
         back, self._counted[channel] = number <= self._counted.get(channel, -1), number
-        message = None if kind == ARRAY else self._deserialized(data, _message_type(kind))
-        for inbox in self._inboxes[channel]:
+        inboxes = self._inboxes[channel]
+        try:
+            read = (
+                partial(of_array, *decoded(data))
+                if kind == ARRAY
+                else partial(values_of, kind, self._deserialized(data, _message_type(kind)))
+            )
+        except WrongMessage as error:
+            for inbox in inboxes:
+                inbox.refuse(str(error), now)
+            return
+        for inbox in inboxes:
             try:
-                inbox.take(
-                    of_array(*decoded(data), inbox.layout)
-                    if message is None
-                    else values_of(kind, message, inbox.layout),
-                    now,
-                )
+                inbox.take(read(inbox.layout), now)
             except WrongMessage as error:
                 inbox.refuse(str(error), now)
             if back and number:
