@@ -48,5 +48,6 @@ def bus_controller(
         },
         period,
         units={name: port.unit for name, port in machine.table.items()},
+        twists={name: port.twist for name, port in machine.table.items() if port.twist},
         patience=patience,
     )

@@ -58,6 +58,8 @@ class Port:
         names: names of the values 0, 1, 2, ... of a signal that shows a phase.
         elements: names of the elements for people, such as ("roll", "pitch", "height"); of a
             state, whose further elements are rates, those of the first ones.
+        twist: values by forward speed [m/s] and yaw rate [rad/s] of the machine, (size, 2), of
+            what it drives on; empty: it does not follow from them.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Port:
     is_sampled: bool = False
     names: tuple[str, ...] = ()
     elements: tuple[str, ...] = ()
+    twist: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for what in ("name", "unit", "meaning"):
@@ -84,6 +87,9 @@ class Port:
             if self.elements and self.size % len(self.elements):
                 count = len(self.elements)
                 raise WiringError(f"port {self.name!r} has {self.size} elements and {count} names")
+        if self.twist and len(self.twist) != self.size:
+            count = len(self.twist)
+            raise WiringError(f"port {self.name!r} has {self.size} elements and {count} by twist")
 
     @property
     def part(self) -> str:
@@ -127,11 +133,13 @@ def In(
     faults: Sequence[Span] = (),
     is_sampled: bool = False,
     elements: Sequence[str] = (),
+    twist: Sequence[tuple[float, float]] = (),
 ) -> Port:
     """Command to the machine, an input of its station."""
     return Port(
         *(name, size, unit, meaning, "in", idle, None, tuple(faults), is_sampled),
         elements=tuple(elements),
+        twist=tuple(twist),
     )
 
 
@@ -144,6 +152,7 @@ def Out(
     default: float | None = None,
     faults: Sequence[Span] = (),
     elements: Sequence[str] = (),
+    twist: Sequence[tuple[float, float]] = (),
 ) -> Port:
     """Measurement, an output of the station."""
     return Port(
@@ -151,6 +160,7 @@ def Out(
         default=default,
         faults=tuple(faults),
         elements=tuple(elements),
+        twist=tuple(twist),
     )
 
 

@@ -140,7 +140,12 @@ def _variant(scenario: LevellingScenario) -> Mapping[str, Any]:
     machine = scenario.machine
     has_arm = machine.masses.arm.count > 0
     check_platform_disturbances(scenario.disturbances, scenario.backend, has_arm)
-    ports = make_ports(machine.actuators.params, machine.level_heights, machine.masses.arm)
+    ports = make_ports(
+        machine.actuators.params,
+        machine.level_heights,
+        machine.masses.arm,
+        machine.wheel_geometry,
+    )
     return {"ports": ports, "real": make_real(scenario)}
 
 

@@ -7,6 +7,7 @@ from parapod.systems.actuators.linear_actuator import LinearActuatorParams
 from parapod.systems.arm.serial_arm import SerialArm
 from parapod.systems.levelling_platform.statics import PAPER_ARM
 from parapod.systems.levelling_platform.supervisor import Phase
+from parapod.systems.levelling_platform.wheels import WheelGeometry
 from parapod.systems.sensors.imu import ImuParams
 
 # Parts whose devices `status.*` reports.
@@ -20,7 +21,10 @@ _BEYOND = 0.01
 
 
 def make_ports(
-    actuator: LinearActuatorParams, heights: tuple[float, float], arm: SerialArm
+    actuator: LinearActuatorParams,
+    heights: tuple[float, float],
+    arm: SerialArm,
+    wheels: WheelGeometry,
 ) -> tuple[Port, ...]:
     """Signals of a platform.
 
@@ -28,7 +32,9 @@ def make_ports(
         actuator: its actuators, by which faults are sized.
         heights: its lowest and highest level posture [m].
         arm: its arm; one without joints has no ports.
+        wheels: its wheels, which turn as skid steering has them.
     """
+    steering = [(forward, yaw) for forward, yaw in wheels.skid_steering().tolist()]
     supply = actuator.supply_voltage
     low, high = round(heights[0] - _BEYOND, 2), round(heights[1] + _BEYOND, 2)
     # NaN is not a command: the reference keeps to the last one.
@@ -82,7 +88,10 @@ def make_ports(
             faults=[Span(0.0, 1.0, is_binary=True)],
         ),
         Out("wheels.position", 4, "rad", "encoders: wheel angles in whole counts"),
-        Out("wheels.velocity", 4, "rad/s", "encoders: their rates in counts per period"),
+        Out(
+            *("wheels.velocity", 4, "rad/s", "encoders: their rates in counts per period"),
+            twist=steering,
+        ),
         In(
             "legs.voltage",
             4,
@@ -95,7 +104,7 @@ def make_ports(
             ],
         ),
         In("legs.stop", 1, "-", "above 0.5: the drives' supply is cut"),
-        In("wheels.velocity_command", 4, "rad/s", "wheel velocities"),
+        In("wheels.velocity_command", 4, "rad/s", "wheel velocities", twist=steering),
         In("wheels.brake", 1, "-", "above 0.5: wheels stop and hold", idle=1.0),
         *(_arm_ports(arm) if arm.count else ()),
         Truth(
@@ -207,4 +216,4 @@ def _arm_ports(arm: SerialArm) -> tuple[Port, ...]:
     )
 
 
-PORTS = make_ports(LinearActuatorParams(), (0.39, 0.57), PAPER_ARM)
+PORTS = make_ports(LinearActuatorParams(), (0.39, 0.57), PAPER_ARM, WheelGeometry())

@@ -13,7 +13,7 @@ from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox
 from parapod.systems.hardware.buses.connection import connect as open_bus
-from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.message import Layout, Message, Twist
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.clock import monotonic, sleep
 
@@ -68,6 +68,7 @@ class BusController(LeafSystem):
         period: float = 0.01,
         *,
         units: Mapping[str, str] | None = None,
+        twists: Mapping[str, Twist] | None = None,
         timeout: float = 0.1,
         patience: float = 0.0,
     ):
@@ -82,6 +83,7 @@ class BusController(LeafSystem):
             signals: further signals of the controller, and their sizes.
             period: period of the controller [s].
             units: units of signals, for buses that have messages of their own for some.
+            twists: see `Layout`, of the signals that have one.
             timeout: age from which commands are too old [s].
             patience: longest wait for commands at an instant, and age from which they are too
                 old where that is longer [s]; 0: none.
@@ -94,6 +96,7 @@ class BusController(LeafSystem):
             return ServedStation(
                 *(open_bus(address), measures, commands, idle, job or {}, signals or {}),
                 units=units or {},
+                twists=twists or {},
                 timeout=max(timeout, patience),
             )
 
@@ -159,6 +162,7 @@ class ServedStation:
         signals: Sizes,
         *,
         units: Mapping[str, str],
+        twists: Mapping[str, Twist],
         timeout: float,
     ):
         """Opens the channels; see `BusController`."""
@@ -170,6 +174,7 @@ class ServedStation:
             ServedPart(
                 *(part, bus, _within(part, own), _within(part, commands), _within(part, idle)),
                 units=_within(part, units),
+                twists=_within(part, twists),
                 timeout=timeout,
             )
             for part in names

@@ -10,6 +10,9 @@ ACTIVE = "active"
 """Name in messages of commands: 1 while the sender controls the part; 0: it is to be neutral."""
 
 
+type Twist = Sequence[Sequence[float]]
+
+
 class Message(NamedTuple):
     """Names and values, as they come over a bus.
 
@@ -35,11 +38,17 @@ class Layout:
         part: name of the part.
         sizes: number of elements of each signal.
         units: unit of each signal, as its port declares it; "" where that is not known.
+        twists: values (n, 2) of signals by forward speed [m/s] and yaw rate [rad/s] of the
+            machine; of those that follow from them.
         names: names of all elements, in order.
     """
 
     def __init__(
-        self, sizes: Mapping[str, int], units: Mapping[str, str] | None = None, part: str = ""
+        self,
+        sizes: Mapping[str, int],
+        units: Mapping[str, str] | None = None,
+        part: str = "",
+        twists: Mapping[str, Twist] | None = None,
     ):
         """Names the elements.
 
@@ -47,10 +56,12 @@ class Layout:
             sizes: number of elements of each signal, by its name within the part.
             units: units of signals.
             part: name of the part.
+            twists: see above; those of other signals do not count.
         """
         self.part = part
         self.sizes = dict(sizes)
         self.units = {name: (units or {}).get(name, "") for name in self.sizes}
+        self.twists = {n: twist for n, twist in (twists or {}).items() if n in self.sizes}
         self.names = tuple(
             f"{signal}[{i}]" if size > 1 else signal
             for signal, size in self.sizes.items()

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from parapod.systems.hardware.buses.bus import Bus, Inbox, Problem
-from parapod.systems.hardware.buses.message import Layout, Message, is_active
+from parapod.systems.hardware.buses.message import Layout, Message, Twist, is_active
 from parapod.systems.hardware.device import DeviceFault, Signals
 
 # Silence of a controller that has given the part up, by the longest admissible one [-].
@@ -39,6 +39,7 @@ class ServedPart:
         idle: Mapping[str, float],
         *,
         units: Mapping[str, str] | None = None,
+        twists: Mapping[str, Twist] | None = None,
         timeout: float = 0.1,
     ):
         """Opens its channels.
@@ -50,15 +51,16 @@ class ServedPart:
             commands: signals that it takes, and their sizes.
             idle: value of each command while the part is neutral.
             units: units of signals, for buses that have messages of their own for some.
+            twists: see `Layout`.
             timeout: age from which the newest command is too old [s].
         """
         self.part, self._bus = part, bus
         self.status, command = bus.address.channels_of(part)
-        self._layout = Layout({**measures, **commands}, units, part)
+        self._layout = Layout({**measures, **commands}, units, part, twists)
         bus.advertise(self.status, self._layout)
         self.sizes = self._layout.sizes
         self.idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
-        self.inbox = Inbox(command, Layout(commands, units, part), math.inf, timeout)
+        self.inbox = Inbox(command, Layout(commands, units, part, twists), math.inf, timeout)
         self.timeout = timeout
         self.latched: Problem | None = None
         self.is_neutral, self._has_begun = True, False

@@ -16,6 +16,7 @@ from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
 from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
     TOPICS,
+    admissible,
     fill,
     of_array,
     standard,
@@ -41,6 +42,7 @@ class Ros2Bus(Bus):
     |---|---|---|---|
     | `/<part>/status` | Float64MultiArray | reliable, last 10 | labels, the first `stamp` |
     | `/<part>/joint_states`, `imu`, `magnetic_field` | of sensor_msgs | ditto | where units fit |
+    | `/<part>/twist` | TwistWithCovarianceStamped | ditto | of a part that drives the machine |
     | `/<part>/command` | Float64MultiArray | taken as best effort, last 10 | like the status |
     | `/station/stop` | Bool | taken as transient local | true: all parts are neutral |
     | `/station/emergency_stop` | Bool | reliable, transient local | true: it is pressed |
@@ -212,7 +214,7 @@ class Ros2Bus(Bus):
         with suppress(WrongMessage):  # a value that is not finite is in the array alone
             values = layout.unpack(message)
             for kind, signals, publisher, standard_message in views:
-                fill(standard_message, kind, layout.part, signals, values)
+                fill(standard_message, kind, layout, signals, values)
                 standard_message.header.stamp = self._time(message.stamp)
                 publisher.publish(standard_message)
 
@@ -304,7 +306,7 @@ class Ros2Bus(Bus):
                 kind, present = info.topic_type, self._subscriptions.get(channel, ("",))[0]
                 if kind == present:
                     continue
-                possible = {ARRAY}.union(*(standard(inbox.layout) for inbox in inboxes))
+                possible = set[str]().union(*(admissible(inbox.layout) for inbox in inboxes))
                 if kind in possible and not present:
                     self._subscribe(channel, kind, self._unreliable)
                     continue

@@ -7,6 +7,8 @@ from array import array
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from parapod.systems.core.units import units_of
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 
@@ -20,7 +22,12 @@ JOINTS, IMU, FIELD = (
     "sensor_msgs/msg/Imu",
     "sensor_msgs/msg/MagneticField",
 )
-TOPICS = {JOINTS: "joint_states", IMU: "imu", FIELD: "magnetic_field"}
+TWIST, STAMPED, DRIVEN = (
+    "geometry_msgs/msg/Twist",
+    "geometry_msgs/msg/TwistStamped",
+    "geometry_msgs/msg/TwistWithCovarianceStamped",
+)
+TOPICS = {JOINTS: "joint_states", IMU: "imu", FIELD: "magnetic_field", DRIVEN: "twist"}
 """Names of the topics of standard messages, beside the part's own."""
 
 # Units of the fields of standard messages; the first field of each type is necessary. Those of
@@ -31,6 +38,11 @@ _FIELDS: dict[str, dict[str, set[str]]] = {
     FIELD: {"magnetic_field": {"T"}},
 }
 _AXES = ("x", "y", "z")
+# Parts of a twist that a machine on wheels follows; it refuses others than zero.
+_OF = ("linear", "angular")
+_FORWARD, _YAW = (_OF[0], "x"), (_OF[1], "z")
+# Unit of switches; those of a part that follows a twist are off meanwhile.
+_SWITCH = "-"
 
 
 def standard(layout: Layout) -> dict[str, dict[str, str]]:
@@ -52,7 +64,22 @@ def standard(layout: Layout) -> dict[str, dict[str, str]]:
                     break
         if len(signals) == len(fields) or (kind == JOINTS and "position" in signals):
             fitting[kind] = signals
+    driven = [name for name in layout.twists if not name.endswith("_command")]
+    if driven:
+        fitting[DRIVEN] = {"twist": driven[0]}
     return fitting
+
+
+def admissible(layout: Layout) -> set[str]:
+    """Types of messages from which all signals of a part follow.
+
+    Args:
+        layout: signals of the part, with their units and what follows from a twist.
+    """
+    others = (layout.units[name] for name in layout.sizes if name not in layout.twists)
+    is_driven = bool(layout.twists) and all(unit == _SWITCH for unit in others)
+    twists = {TWIST, STAMPED} if is_driven else set()
+    return {ARRAY} | (standard(layout).keys() - {DRIVEN}) | twists
 
 
 def _has(layout: Layout, name: str, units: set[str]) -> bool:
@@ -68,7 +95,7 @@ def joint_names(part: str, size: int) -> list[str]:
 def fill(
     message: Any,
     kind: str,
-    part: str,
+    layout: Layout,
     signals: Mapping[str, str],
     values: Mapping[str, Sequence[float]],
 ) -> None:
@@ -77,20 +104,25 @@ def fill(
     Args:
         message: message of the type.
         kind: the type.
-        part: name of the part.
+        layout: signals of the part; of its values that follow from a twist, the message has that
+            by least squares.
         signals: signal of each field, see `standard`.
         values: values of the signals.
     """
     for field, name in signals.items():
         numbers = values[name]
-        if kind == JOINTS:
+        if kind == DRIVEN:
+            twist = message.twist.twist
+            speed, rate = np.linalg.lstsq(np.array(layout.twists[name]), numbers)[0]
+            twist.linear.x, twist.angular.z = float(speed), float(rate)
+        elif kind == JOINTS:
             setattr(message, field, array("d", numbers))
         else:
             vector = getattr(message, field)
             for axis, number in zip(_AXES, numbers, strict=True):
                 setattr(vector, axis, float(number))
     if kind == JOINTS:
-        message.name = joint_names(part, len(values[signals["position"]]))
+        message.name = joint_names(layout.part, len(values[signals["position"]]))
     if kind == IMU:
         message.orientation_covariance[0] = -1.0  # it has no orientation
 
@@ -99,7 +131,7 @@ def values_of(kind: str, message: Any, layout: Layout) -> Message:
     """Names and values of a standard message that came.
 
     Joints are known by the names that `joint_names` gives, or by their order where they have
-    others.
+    others. A twist is followed forward and in yaw.
 
     Args:
         kind: type of the message.
@@ -109,8 +141,12 @@ def values_of(kind: str, message: Any, layout: Layout) -> Message:
     Raises:
         WrongMessage: values that cannot be told apart.
     """
+    if kind == TWIST:
+        return _driven(message, layout, 0.0)
     stamp = message.header.stamp
     time = stamp.sec + 1e-9 * stamp.nanosec
+    if kind == STAMPED:
+        return _driven(message.twist, layout, time)
     names: list[str] = []
     values: list[float] = []
     for field, name in standard(layout).get(kind, {}).items():
@@ -119,6 +155,19 @@ def values_of(kind: str, message: Any, layout: Layout) -> Message:
         names += [f"{name}[{i}]" if size > 1 else name for i in range(len(numbers))]
         values += numbers
     return Message(names, values, time)
+
+
+def _driven(twist: Any, layout: Layout, time: float) -> Message:
+    """Commands of a part that follows a twist; its switches are off."""
+    parts = {(of, axis): getattr(getattr(twist, of), axis) for of in _OF for axis in _AXES}
+    speed, rate = parts.pop(_FORWARD), parts.pop(_YAW)
+    for (of, axis), value in parts.items():
+        if value != 0.0:
+            raise WrongMessage(f"has {value:g} for {of}.{axis}, and {layout.part} cannot follow")
+    signals = {name: (0.0,) * size for name, size in layout.sizes.items()}
+    for name, steering in layout.twists.items():
+        signals[name] = tuple(forward * speed + yaw * rate for forward, yaw in steering)
+    return Message(layout.names, layout.pack(signals), time)
 
 
 def _field(kind: str, message: Any, field: str, joints: Sequence[str]) -> list[float]:

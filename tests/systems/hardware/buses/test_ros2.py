@@ -21,15 +21,20 @@ from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
 from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
+    DRIVEN,
     FIELD,
     IMU,
     JOINTS,
+    STAMPED,
+    TWIST,
+    admissible,
     fill,
     labels_of,
     of_array,
     standard,
     values_of,
 )
+from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from tests.systems.hardware.buses.conftest import until
 
@@ -41,6 +46,21 @@ LEGS = Layout(
 SENSOR = Layout(
     {"gyro": 3, "accel": 3, "mag": 3}, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}, "imu"
 )
+
+
+# Wheels of a machine: left ones, right ones, at half a metre a second and 2 rad/s.
+STEERING = ((8.0, -1.6), (8.0, 1.6), (8.0, 1.6), (8.0, -1.6))
+WHEELS = Layout(
+    {"velocity": 4, "velocity_command": 4, "brake": 1},
+    {"velocity": "rad/s", "velocity_command": "rad/s", "brake": "-"},
+    "wheels",
+    {"velocity": STEERING, "velocity_command": STEERING},
+)
+COMMANDS = Layout({"velocity_command": 4, "brake": 1}, WHEELS.units, "wheels", WHEELS.twists)
+
+
+def twist(speed=0.0, rate=0.0, aside=0.0):
+    return Fields(linear=Fields(x=speed, y=aside, z=0.0), angular=Fields(x=0.0, y=0.0, z=rate))
 
 
 def joints(**fields):
@@ -57,6 +77,35 @@ def test_standard_messages_follow_from_the_units():
     }
     assert standard(Layout({"force": 3}, {"force": "N"}, "cells")) == {}
     assert standard(Layout({"position": 2}, {}, "unknown")) == {}
+
+
+def test_what_drives_a_machine_follows_a_twist():
+    assert standard(WHEELS) == {DRIVEN: {"twist": "velocity"}}
+    assert admissible(COMMANDS) == {ARRAY, TWIST, STAMPED}
+    unsure = Layout({"velocity_command": 4, "torque": 4}, {}, "wheels", WHEELS.twists)
+    assert admissible(unsure) == {ARRAY}
+    message = values_of(TWIST, twist(0.3, -0.5), COMMANDS)
+    signals = COMMANDS.unpack(message)
+    right, left = 8.0 * 0.3 - 1.6 * 0.5, 8.0 * 0.3 + 1.6 * 0.5
+    assert signals["velocity_command"] == pytest.approx((left, right, right, left))
+    assert signals["brake"] == (0.0,)
+    assert message.stamp == 0.0
+    header = Fields(stamp=Fields(sec=3, nanosec=250_000_000))
+    later = values_of(STAMPED, Fields(header=header, twist=twist(0.3, -0.5)), COMMANDS)
+    assert later == message._replace(stamp=3.25)
+    driven = Fields(twist=Fields(twist=twist()))
+    values = {"velocity": signals["velocity_command"]}
+    fill(driven, DRIVEN, WHEELS, standard(WHEELS)[DRIVEN], values)
+    assert driven.twist.twist.linear.x == pytest.approx(0.3)
+    assert driven.twist.twist.angular.z == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize("aside", [0.1, math.nan])
+def test_a_twist_that_wheels_cannot_follow_is_refused(aside):
+    with pytest.raises(WrongMessage, match=r"for linear\.y, and wheels cannot follow"):
+        values_of(TWIST, twist(0.3, aside=aside), COMMANDS)
+    with pytest.raises(WrongMessage, match="has nan for velocity_command"):
+        COMMANDS.unpack(values_of(TWIST, twist(rate=math.nan), COMMANDS))
 
 
 def test_an_array_is_what_was_packed():
@@ -225,6 +274,44 @@ def test_joint_states_of_another_node_are_taken_and_other_types_are_named(graph,
         assert f"/one publishes {JOINTS}, not {IMU}, {FIELD}, {ARRAY}" in words
     finally:
         third.close()
+
+
+def test_wheels_follow_the_twist_of_another_node_and_brake_when_it_is_silent(graph, buses):
+    from geometry_msgs.msg import Twist, TwistWithCovarianceStamped
+
+    one, other = buses
+    wheels = ServedPart(
+        *("wheels", other, {"velocity": 4}, {"velocity_command": 4, "brake": 1}),
+        {"velocity_command": 0.0, "brake": 1.0},
+        units=WHEELS.units,
+        twists=WHEELS.twists,
+    )
+    assert wheels.commands(time.monotonic())["brake"] == (1.0,)
+    channel = graph.channels_of("wheels").command
+    publisher = one._node.create_publisher(Twist, channel, 10)
+    message, taken, shown = Twist(), {}, []
+    message.linear.x = 0.25
+
+    def driven():
+        publisher.publish(message)
+        time.sleep(5e-3)
+        taken.update(wheels.commands(time.monotonic()))
+        return not wheels.is_neutral
+
+    until(driven, 60.0)
+    assert taken == {"velocity_command": (2.0,) * 4, "brake": (0.0,)}
+    beside = channel.replace("command", "twist")
+    one._node.create_subscription(TwistWithCovarianceStamped, beside, shown.append, 10)
+
+    def seen():
+        wheels.publish({"velocity": (4.0,) * 4, **taken}, 1.0 + time.monotonic())
+        time.sleep(5e-3)
+        return shown
+
+    until(seen, 60.0)
+    assert shown[0].twist.twist.linear.x == pytest.approx(0.5)
+    until(lambda: wheels.commands(time.monotonic()) == wheels.idle, 60.0)
+    assert wheels.latched.words.startswith(f"no message on {channel} for")
 
 
 def test_messages_come_while_the_time_of_devices_stands(buses, monkeypatch):
