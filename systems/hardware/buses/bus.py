@@ -74,6 +74,7 @@ class Inbox:
         self._most = _CROWD * rate * _COUNTED + 2.0
         self._wrong: tuple[float, str] | None = None
         self._arrivals: deque[tuple[float, bool]] = deque()
+        self._older = 0  # of them, out of order
 
     def take(self, message: Message, arrived: float) -> None:
         """Judges a message.
@@ -105,9 +106,10 @@ class Inbox:
         """Refuses messages that come as those of two senders do."""
         arrivals = self._arrivals
         arrivals.append((arrived, is_older))
+        self._older += is_older
         while arrivals[0][0] < arrived - _COUNTED:
-            arrivals.popleft()
-        count, older = len(arrivals), sum(old for _, old in arrivals)
+            self._older -= arrivals.popleft()[1]
+        count, older = len(arrivals), self._older
         if count > self._most:
             self.refuse(f"{count / _COUNTED:.0f} messages a second, as of two senders", arrived)
         elif older > max(2.0, _MIXED * count):
