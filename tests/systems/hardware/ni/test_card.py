@@ -389,8 +389,8 @@ def test_what_the_card_shows_is_passed_on(card, harness, misbehaviour):
 def test_intermittent_server_delays_but_does_not_fail(server, misbehaviour):
     # Off and on for 0.1 s each: whoever has more time than that gets an answer.
     with device(server, timeout_ms=5000.0) as card:
-        misbehaviour.begin("intermittent", time.monotonic())
         begin = time.monotonic()
+        misbehaviour.begin("intermittent", begin)
         card.read()
         assert time.monotonic() - begin > 0.05
 
