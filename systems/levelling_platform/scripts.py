@@ -142,7 +142,8 @@ class PostureScript(LeafSystem):
         if not self._waypoints:
             return 1.0
         scales = np.linspace(1.0, 0.0, 101)
-        postures = np.array([[self._posture(w, s) for w in self._waypoints] for s in scales])
+        relative = np.array([[w.roll, w.pitch, w.height] for w in self._waypoints])
+        postures = self._level + scales[:, np.newaxis, np.newaxis] * relative
         at, above = (batch_of(n)[..., np.newaxis, np.newaxis, :] for n in (ground, offsets))
         extension = inverse_kinematics(self._geometry, postures, at, above, "nan")
         low = self._geometry.extension_min + self._margin
