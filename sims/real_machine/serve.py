@@ -123,8 +123,9 @@ def introduce(
         if not sizes:
             continue
         say(f"  publishes {channel}: {_listed(sizes)}")
-    for channel, sizes in station.taken.items():
-        say(f"  takes {channel}: {_listed(sizes)}, active")
+    for channel, layout in station.taken.items():
+        others = "".join(f", or {kind}" for kind in station.bus.also(layout))
+        say(f"  takes {channel}: {_listed(layout.sizes)}, active{others}")
 
 
 def _listed(sizes: Sizes) -> str:

@@ -143,8 +143,8 @@ class Inbox:
 class Bus(ABC):
     """A connection to a bus; a thread of its own receives.
 
-    Several parts may share one: see `connect`. A kind of bus overrides `advertise`, `tell`,
-    `describe` and `place` if it has a use for them.
+    Several parts may share one: see `connect`. A kind of bus overrides `advertise`, `also`,
+    `tell`, `describe` and `place` if it has a use for them.
 
     Attributes:
         name: kind and address, as errors call it.
@@ -201,6 +201,14 @@ class Bus(ABC):
             channel: channel of the status.
             layout: its signals, with their units.
         """
+
+    def also(self, layout: Layout) -> Sequence[str]:
+        """Types of standard messages that may come in place of a part's own.
+
+        Args:
+            layout: signals that follow from them.
+        """
+        return ()
 
     def tell(self, time: float, is_stopped: bool) -> None:  # noqa: B027
         """Tells of an instant, once its messages are published.

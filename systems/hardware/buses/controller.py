@@ -206,9 +206,10 @@ class ServedStation:
         return channels
 
     @property
-    def taken(self) -> dict[str, Sizes]:
-        """Commands that are taken, with their sizes, by channel."""
-        return {p.inbox.channel: p.inbox.layout.sizes for p in self.parts if p.inbox.layout.sizes}
+    def taken(self) -> dict[str, Layout]:
+        """Commands that are taken, by channel."""
+        inboxes = [part.inbox for part in self.parts]
+        return {inbox.channel: inbox.layout for inbox in inboxes if inbox.layout.sizes}
 
     def publish(self, values: Values, time: float) -> None:
         """Publishes an instant.

@@ -206,6 +206,10 @@ class Ros2Bus(Bus):
         if views:
             self._views[channel] = layout, views
 
+    def also(self, layout: Layout) -> Sequence[str]:
+        """See `Bus`."""
+        return sorted(admissible(layout) - {ARRAY})
+
     def _publish_views(self, channel: str, message: Message) -> None:
         layout, views = self._views[channel]
         views = [view for view in views if view[2].get_subscription_count()]
