@@ -39,12 +39,12 @@ class _Work(LeafSystem):
 
     def __init__(self, cost: float, period: float):
         super().__init__()
-        taken = []
+        durations = []
         for _ in range(_PASSES):
             begin = time.thread_time()
             _compute(_ROUNDS)
-            taken.append(time.thread_time() - begin)
-        self._rounds = round(_ROUNDS * cost / float(np.median(taken)))
+            durations.append(time.thread_time() - begin)
+        self._rounds = round(_ROUNDS * cost / float(np.median(durations)))
         self.DeclarePeriodicPublishEvent(period, 0.0, self._work)
 
     def _work(self, context: Context) -> Any:
