@@ -20,6 +20,8 @@ def main(address):
 
     def answer(channel, data):
         _, stamp = decode(data)
+        if len(newest) < 2:
+            return  # this program has begun in the middle of an instant
         legs, imu = newest["LEGS_STATUS"][0], newest["IMU_STATUS"][0]
         extensions = [legs[f"extension[{i}]"] for i in range(4)]
         voltages = leveller.voltages(extensions, [imu[f"accel[{i}]"] for i in range(3)])
