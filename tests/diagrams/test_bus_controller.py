@@ -63,7 +63,8 @@ def test_another_program_levels_the_platform_and_its_end_leaves_it_neutral(forei
     station = loop.controller.station
 
     def heard():  # by a program that takes its time to begin
-        station.bus.publish("/hello", _nothing())
+        # An end of an instant whose beginning it has not heard.
+        station.bus.publish(station.bus.address.channels_of("station").status, _nothing())
         return program.poll() is not None or _answers(loop, simulator)
 
     until(heard, 60.0)
@@ -125,6 +126,10 @@ def test_every_machine_may_have_its_controller_on_a_bus(machine):
     for part in machine.parts:
         if any(port.part == part for port in machine.measured):
             assert f"{part.upper()}_STATUS" in channels
+    # Arrays without labels come in an order that is always the same: that of the table.
+    devices = [port.name for port in loop.machine.outputs if port.part == "status"]
+    names = [f"status.{name}" for name in channels["STATION_STATUS"] if name != "latched"]
+    assert names == ["status.neutral", *devices]
     # What only a simulation knows is not on the bus.
     assert not any("truth" in name for sizes in channels.values() for name in sizes)
 

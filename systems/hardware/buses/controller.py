@@ -168,7 +168,9 @@ class ServedStation:
         """Opens the channels; see `BusController`."""
         self.bus = bus
         own = {name: size for name, size in measures.items() if not name.startswith(_DEVICES)}
-        devices = {name.removeprefix(_DEVICES): measures[name] for name in measures.keys() - own}
+        devices = {
+            name.removeprefix(_DEVICES): size for name, size in measures.items() if name not in own
+        }
         names = dict.fromkeys(name.partition(".")[0] for name in (*own, *commands))
         self.parts = [
             ServedPart(
