@@ -18,8 +18,8 @@ from parapod.sims.real_machine.real_time import RealTimeLoop, undisturbed
 _PASSES, _ROUNDS = 200, 2000
 
 
-def missed_alone(cost: float, period: float, duration: float) -> int:
-    """Deadlines that a loop with work alone misses.
+def missed_alone(cost: float, period: float, duration: float) -> float:
+    """Share of deadlines that a loop with work alone misses [-].
 
     Args:
         cost: time that its ticks compute [s].
@@ -31,7 +31,7 @@ def missed_alone(cost: float, period: float, duration: float) -> int:
     loop = RealTimeLoop(simulator, period, is_strict=False)
     with undisturbed():
         loop.run(duration)
-    return loop.timing.missed
+    return loop.timing.missed / (loop.timing.ticks + loop.timing.missed)
 
 
 class _Work(LeafSystem):

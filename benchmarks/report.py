@@ -24,7 +24,6 @@ class Measurement:
 
     `at_most` turns the floor into a ceiling. A figure with a pace is judged with the machine's
     slowness taken out of it; where the yardstick scattered, it may hold its bound but not miss it.
-    So may one that was measured on a computer that was not idle.
     """
 
     name: str
@@ -34,7 +33,6 @@ class Measurement:
     aim: float | None = None
     at_most: bool = False
     pace: Pace | None = None
-    is_idle: bool = True
 
     @property
     def judged(self) -> float:
@@ -51,8 +49,7 @@ class Measurement:
         is_held = self.judged <= self.floor if self.at_most else self.judged >= self.floor
         if is_held:
             return OK
-        is_steady = self.pace is None or self.pace.is_steady
-        return MISSED if is_steady and self.is_idle else TOO_BUSY
+        return MISSED if self.pace is None or self.pace.is_steady else TOO_BUSY
 
     @property
     def passed(self) -> bool:
