@@ -108,10 +108,8 @@ def bus_named(buses: Sequence[LcmBus], name: str, key: str) -> LcmBus:
     """
     named = {bus.name: bus for bus in buses}
     if name not in named:
-        there = (
-            f"not one of lcm_buses: {', '.join(named)}" if named else "no bus: lcm_buses is empty"
-        )
-        raise ScenarioError(f"{key} = {quoted(name)} is {there}", key)
+        there = f"one of lcm_buses: {', '.join(named)}" if named else "there: lcm_buses is empty"
+        raise ScenarioError(f"{key} = {quoted(name)} is not {there}", key)
     return named[name]
 
 

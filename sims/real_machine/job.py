@@ -246,7 +246,7 @@ def end_by_guard(
 
 
 def _is_any(values: NDArray[np.float64], numbers: Iterable[float]) -> bool:
-    """Whether all values are one and the same of these numbers."""
+    """Whether all values equal one of these numbers."""
     return any(
         np.array_equal(values, np.full_like(values, number), equal_nan=True) for number in numbers
     )

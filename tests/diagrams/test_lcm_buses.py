@@ -63,7 +63,7 @@ def test_a_bus_that_there_is_not_is_named_with_those_there_are(tmp_path, name, w
     ):
         scenario.hardware.address(f"lcm://{name}", "bus")
     scenario.hardware.lcm_buses = []
-    with pytest.raises(ScenarioError, match="is no bus: lcm_buses is empty"):
+    with pytest.raises(ScenarioError, match="is not there: lcm_buses is empty"):
         PLATFORM.drivers(scenario)
 
 

@@ -48,7 +48,7 @@ SENSOR = Layout(
 )
 
 
-# Wheels of a machine: left ones, right ones, at half a metre a second and 2 rad/s.
+# Wheels of a radius of 125 mm, 200 mm to the left and to the right.
 STEERING = ((8.0, -1.6), (8.0, 1.6), (8.0, 1.6), (8.0, -1.6))
 WHEELS = Layout(
     {"velocity": 4, "velocity_command": 4, "brake": 1},
