@@ -17,7 +17,7 @@ from parapod.diagrams.drivers.bus import PARTS, parts_on_bus
 from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.machine import list_machines
 from parapod.diagrams.station import Station
-from parapod.systems.core.errors import ParapodError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.scenario_file import load_scenario
 from tests.systems.hardware.buses.conftest import lcm_url, until  # noqa: F401
 
@@ -109,6 +109,11 @@ def test_a_controller_that_is_not_there_is_told_of_in_a_line(lcm_address):
     text = str(caught.value)
     assert text.startswith("no commands in 2 s: no message on LEGS_COMMAND yet")
     assert "\n" not in text
+
+
+def test_a_controller_on_a_bus_of_another_kind_is_refused_with_those_that_there_are():
+    with pytest.raises(ScenarioError, match="'ros3://' must begin with lcm or ros2"):
+        loop_of("ros3://")
 
 
 @pytest.mark.parametrize("machine", list_machines(), ids=lambda machine: machine.name)

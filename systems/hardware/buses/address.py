@@ -49,8 +49,8 @@ class Address(NamedTuple):
 
 
 def is_address(text: str) -> bool:
-    """Whether a text names a bus."""
-    return text.partition(":")[0] in KINDS
+    """Whether a text names a bus, of any kind: `address_of` says which are admissible."""
+    return text.partition(":")[0] in KINDS or "://" in text
 
 
 def address_of(text: str, key: str) -> Address:
