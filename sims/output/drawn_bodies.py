@@ -26,115 +26,99 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.framework import Context
 
 from parapod.diagrams.twin import MEASURED, PALE, Twin
 from parapod.systems.core.errors import ParapodError
+from parapod.systems.hardware.buses.bus import Poses, Visual
+from parapod.systems.hardware.buses.ros2.scene import WORLD
 
-# Frame in which the poses are.
-WORLD = "world"
 _GREY = Rgba(0.8, 0.8, 0.8, 1.0)
 
 
-class Visual(NamedTuple):
-    """One solid by which a body is seen.
-
-    Attributes:
-        shape: a box, sphere, cylinder, ellipsoid or mesh of Drake's.
-        pose: its pose in the body's frame.
-        colour: (4,) red, green, blue and opacity, from 0 to 1.
-    """
-
-    shape: Shape
-    pose: RigidTransform
-    colour: tuple[float, float, float, float]
-
-
 class _Body(NamedTuple):
-    """A body that is seen: its name, its drawing, and its frame in the drawing's scene."""
+    """A body that is seen: the drawing that has it, and its frame in the drawing's scene."""
 
-    name: str
     drawing: str
     graph: SceneGraph
-    context: Context
     frame: FrameId
 
 
-def frames(twin: Twin) -> dict[str, RigidTransform]:
-    """Poses of the bodies in the world, by name, as they were shown last.
+class DrawnBodies:
+    """Bodies of a machine that are seen, as its drawing shows them."""
 
-    Args:
-        twin: drawing of the machine, such as `machine.view.twin(None, scenario)`, whose `show`
-            takes signals.
-    """
-    poses, queries = {}, {}
-    for body in _bodies(twin):
-        if body.drawing not in queries:
-            port: Any = body.graph.get_query_output_port()
-            queries[body.drawing] = port.Eval(body.context)
-        poses[body.name] = queries[body.drawing].GetPoseInWorld(body.frame)
-    return poses
+    def __init__(self, twin: Twin):
+        """Finds the bodies.
 
+        Args:
+            twin: drawing of the machine, such as `machine.view.twin(None, scenario)`, whose `show`
+                takes signals.
+        """
+        self._scenes = twin.scene_graphs()
+        self._bodies: dict[str, _Body] = {}
+        for drawing, (graph, _) in self._scenes.items():
+            inspector = graph.model_inspector()
+            for frame in inspector.GetAllFrameIds():
+                if frame == graph.world_frame_id() or not inspector.NumGeometriesForFrameWithRole(
+                    frame, Role.kIllustration
+                ):
+                    continue
+                name = f"{drawing}/{inspector.GetName(frame)}".replace("::", "/")
+                while name in self._bodies:
+                    name += "_"
+                self._bodies[name] = _Body(drawing, graph, frame)
 
-def visuals(twin: Twin) -> dict[str, list[Visual]]:
-    """Solids of the bodies, by name; the names are those of `frames`.
+    def poses(self) -> Poses:
+        """Poses in the world, by name, as they were shown last."""
+        queries: dict[str, Any] = {}
+        for drawing, (graph, context) in self._scenes.items():
+            port: Any = graph.get_query_output_port()
+            queries[drawing] = port.Eval(context)
+        poses = {}
+        for name, body in self._bodies.items():
+            pose = queries[body.drawing].GetPoseInWorld(body.frame)
+            poses[name] = pose.translation(), pose.rotation().ToQuaternion().wxyz()
+        return poses
 
-    Args:
-        twin: drawing of the machine.
+    def visuals(self) -> dict[str, list[Visual]]:
+        """Solids by which they are seen, by the names of `poses`.
 
-    Raises:
-        ParapodError: a shape that has no solid here.
-    """
-    return {body.name: list(_visuals(body)) for body in _bodies(twin)}
+        Raises:
+            ParapodError: a shape that has no solid here.
+        """
+        return {name: list(_visuals(body)) for name, body in self._bodies.items()}
 
+    def description(self, name: str) -> str:
+        """Text of a URDF whose links are the bodies, each free in the world.
 
-def robot_description(twin: Twin, name: str) -> str:
-    """Text of a URDF whose links are the bodies of `frames`, each free in the world.
+        Closed loops need no joints here, because each link has its own frame. Meshes are files of
+        this computer. An ellipsoid, which URDF does not have, becomes the sphere with its volume.
 
-    Closed loops need no joints here, because each link has its own frame. Meshes are files of this
-    computer. An ellipsoid, which URDF does not have, becomes the sphere with its volume.
+        Args:
+            name: name of the robot.
 
-    Args:
-        twin: drawing of the machine.
-        name: name of the robot.
-
-    Raises:
-        ParapodError: a shape that has no solid here.
-    """
-    urdf = ET.Element("robot", name=name)
-    ET.SubElement(urdf, "link", name=WORLD)
-    for body, solids in visuals(twin).items():
-        link = ET.SubElement(urdf, "link", name=body)
-        for number, solid in enumerate(solids):
-            visual = ET.SubElement(link, "visual")
-            rpy = RollPitchYaw(solid.pose.rotation()).vector()
-            ET.SubElement(visual, "origin", xyz=_text(solid.pose.translation()), rpy=_text(rpy))
-            geometry = ET.SubElement(visual, "geometry")
-            kind, attributes = _as_urdf(solid.shape)
-            ET.SubElement(geometry, kind, attributes)
-            material = ET.SubElement(visual, "material", name=f"{body}/{number}")
-            ET.SubElement(material, "color", rgba=_text(solid.colour))
-        joint = ET.SubElement(urdf, "joint", name=f"{WORLD}_to_{body}", type="floating")
-        ET.SubElement(joint, "parent", link=WORLD)
-        ET.SubElement(joint, "child", link=body)
-    ET.indent(urdf)
-    return ET.tostring(urdf, encoding="unicode")
-
-
-def _bodies(twin: Twin) -> Iterator[_Body]:
-    names: set[str] = set()
-    for drawing, (graph, context) in twin.scene_graphs().items():
-        inspector = graph.model_inspector()
-        for frame in inspector.GetAllFrameIds():
-            if frame == graph.world_frame_id() or not inspector.NumGeometriesForFrameWithRole(
-                frame, Role.kIllustration
-            ):
-                continue
-            name = f"{drawing}/{inspector.GetName(frame)}".replace("::", "/")
-            while name in names:
-                name += "_"
-            names.add(name)
-            yield _Body(name, drawing, graph, context, frame)
+        Raises:
+            ParapodError: a shape that has no solid here.
+        """
+        urdf = ET.Element("robot", name=name)
+        ET.SubElement(urdf, "link", name=WORLD)
+        for body, solids in self.visuals().items():
+            link = ET.SubElement(urdf, "link", name=body)
+            for number, solid in enumerate(solids):
+                visual = ET.SubElement(link, "visual")
+                rpy = RollPitchYaw(solid.pose.rotation()).vector()
+                ET.SubElement(
+                    visual, "origin", xyz=_text(solid.pose.translation()), rpy=_text(rpy)
+                )
+                geometry = ET.SubElement(visual, "geometry")
+                kind, attributes = _as_urdf(solid.shape)
+                ET.SubElement(geometry, kind, attributes)
+                material = ET.SubElement(visual, "material", name=f"{body}/{number}")
+                ET.SubElement(material, "color", rgba=_text(solid.colour))
+            joint = ET.SubElement(urdf, "joint", name=f"{WORLD}_to_{body}", type="floating")
+            ET.SubElement(joint, "parent", link=WORLD)
+            ET.SubElement(joint, "child", link=body)
+        ET.indent(urdf)
+        return ET.tostring(urdf, encoding="unicode")
 
 
 def _visuals(body: _Body) -> Iterator[Visual]:

@@ -13,7 +13,7 @@ from parapod.diagrams.bus_controller import bus_controller
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import Machine
 from parapod.diagrams.wiring import inputs_of, outputs_of
-from parapod.sims.output.drawn_bodies import frames, robot_description
+from parapod.sims.output.drawn_bodies import DrawnBodies
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import logged, punctuality_of, run_on_hardware
 from parapod.sims.real_machine.privileges import FIFO, privileges
@@ -21,7 +21,6 @@ from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, 
 from parapod.systems.core.errors import MissingExtra, ScenarioError
 from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
-from parapod.systems.hardware.device import DeviceError
 from parapod.systems.hardware.signals import ended_by_signals
 
 # Longer than anybody serves a machine [s].
@@ -30,6 +29,8 @@ _FOREVER = 1e6
 _PATIENCE = 0.05
 # Period of pictures [s].
 _PICTURE = 0.05
+# Difference between sums of periods that are the same [s].
+_ROUNDING = 1e-6
 
 
 def serve(
@@ -165,17 +166,18 @@ class _Scene:
         context = usual.CreateDefaultContext()
         first = {name: np.array(take()) for name, take in usual.readings(context).items()}
         self._twin.show({name: first[name] for name in self._ports if name in first}, 0.0)
-        frames(self._twin)
+        self._bodies = DrawnBodies(self._twin)
+        self._bodies.poses()
         try:
-            bus.describe(robot_description(self._twin, machine.name))
-        except (MissingExtra, DeviceError) as error:
+            bus.describe(self._bodies.description(machine.name), self._bodies.visuals())
+        except MissingExtra as error:
             self._twin = None
             say(f"  is not drawn: {error}")
 
     def show(self, root: Context) -> None:
-        """Shows the machine as its signals are, some times a second."""
-        time = root.get_time()
-        if self._twin is None or time < self._next:
+        """Shows the machine as its signals are, some times a second, while somebody looks."""
+        time, bus = root.get_time(), self._controller.station.bus
+        if self._twin is None or time < self._next - _ROUNDING or not bus.is_watched:
             return
         self._next = time + _PICTURE
         context = self._controller.GetMyContextFromRoot(root)
@@ -183,11 +185,7 @@ class _Scene:
         if not all(np.isfinite(values[name]).all() for name in self._needed):
             return
         self._twin.show({n: v for n, v in values.items() if np.isfinite(v).all()}, time)
-        poses = {
-            name: (pose.translation(), pose.rotation().ToQuaternion().wxyz())
-            for name, pose in frames(self._twin).items()
-        }
-        self._controller.station.bus.place(poses, time)
+        bus.place(self._bodies.poses(), time)
 
 
 class _News:

@@ -11,7 +11,6 @@ EXTRAS = {
     "builtin_interfaces": "ros2",
     "can": "can",
     "canopen": "can",
-    "cyclonedds": "ros2",
     "distributed": "cluster",
     "geometry_msgs": "ros2",
     "google.protobuf": "ni",
@@ -32,6 +31,7 @@ EXTRAS = {
     "serial": "serial",
     "spidev": "spi",
     "std_msgs": "ros2",
+    "visualization_msgs": "ros2",
 }
 
 

@@ -7,8 +7,8 @@ from parapod.systems.core.quoting import quoted
 
 LCM, ROS2 = "lcm", "ros2"
 KINDS = (LCM, ROS2)
-SUBNET, CYCLONE = "range=subnet", "tf=cyclonedds"
-"""Options of an address of ROS 2: other computers are found; who writes /tf without `tf2_msgs`."""
+SUBNET = "range=subnet"
+"""Option of an address of ROS 2: other computers are found."""
 # Numbers of ROS 2's domains.
 _DOMAINS = range(233)
 
@@ -71,12 +71,12 @@ def address_of(text: str, key: str) -> Address:
     place, _, suffix = rest.removeprefix("//").partition("#")
     if kind == LCM:
         return Address(kind, place if not place or ":/" in place else f"udpm://{place}", suffix)
-    domain, _, options = place.partition("?")
+    domain, _, option = place.partition("?")
     is_domain = domain in ("", *map(str, _DOMAINS))
-    if not is_domain or not {*filter(None, options.split("&"))} <= {SUBNET, CYCLONE}:
+    if not is_domain or option not in ("", SUBNET):
         raise ScenarioError(
-            f"{key} = {quoted(text)} must be ros2://DOMAIN?{SUBNET}&{CYCLONE}#NAMESPACE, where "
-            f"DOMAIN is 0..{_DOMAINS[-1]} and each of the four may be left out",
+            f"{key} = {quoted(text)} must be ros2://DOMAIN?{SUBNET}#NAMESPACE, where DOMAIN is "
+            f"0..{_DOMAINS[-1]} and each of the three may be left out",
             key,
         )
     if suffix and not all(part.isidentifier() and part.isascii() for part in suffix.split("/")):

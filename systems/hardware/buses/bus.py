@@ -4,9 +4,11 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from numpy.typing import ArrayLike
+from pydrake.geometry import Shape
+from pydrake.math import RigidTransform
 
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
@@ -19,6 +21,20 @@ JUMP = 1.0
 # Messages that come so much more often than they may are those of two senders [-], and so are so
 # many that come out of order of those [-] of a time [s].
 _CROWD, _MIXED, _COUNTED = 1.5, 0.2, 0.5
+
+
+class Visual(NamedTuple):
+    """One solid by which a body is seen.
+
+    Attributes:
+        shape: a box, sphere, cylinder, ellipsoid or mesh of Drake's.
+        pose: its pose in the body's frame.
+        colour: (4,) red, green, blue and opacity, from 0 to 1.
+    """
+
+    shape: Shape
+    pose: RigidTransform
+    colour: tuple[float, float, float, float]
 
 
 class Received(NamedTuple):
@@ -144,15 +160,17 @@ class Bus(ABC):
     """A connection to a bus; a thread of its own receives.
 
     Several parts may share one: see `connect`. A kind of bus overrides `advertise`, `also`,
-    `tell`, `describe` and `place` if it has a use for them.
+    `tell`, `describe`, `is_watched` and `place` if it has a use for them.
 
     Attributes:
         name: kind and address, as errors call it.
         address: address of the bus, which names the channels.
         draws: true if its tools draw machines by `describe` and `place`.
+        is_watched: true while somebody on it looks at the machine.
     """
 
-    draws: ClassVar[bool] = False
+    draws = False
+    is_watched = False
 
     name: str
 
@@ -218,18 +236,19 @@ class Bus(ABC):
             is_stopped: true if an emergency stop of the machine is pressed.
         """
 
-    def describe(self, urdf: str) -> None:  # noqa: B027
+    def describe(self, urdf: str, visuals: Mapping[str, Sequence[Visual]]) -> None:  # noqa: B027
         """Tells how the machine looks, on buses whose tools draw it.
 
         Args:
-            urdf: text of a URDF.
+            urdf: text of a URDF, whose links are the bodies.
+            visuals: solids of each body.
         """
 
     def place(self, poses: Poses, time: float) -> None:  # noqa: B027
-        """Tells where the links of the description are.
+        """Tells where the bodies of the description are.
 
         Args:
-            poses: position (3) [m] and quaternion (w, x, y, z) of each link in the world.
+            poses: position (3) [m] and quaternion (w, x, y, z) of each body in the world.
             time: time of the machine [s].
         """
 

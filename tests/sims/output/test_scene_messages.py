@@ -9,10 +9,11 @@ import pytest
 from parapod.diagrams.machine import find_machine, list_machines
 from parapod.sims.lab.discovery import find_experiment
 from parapod.sims.lab.subject import Subject, draw_log
-from parapod.sims.output.drawn_bodies import frames, robot_description, visuals
+from parapod.sims.output.drawn_bodies import DrawnBodies
 from parapod.sims.output.logs.files import read_log
 from parapod.sims.output.logs.mcap import write_mcap
 from parapod.systems.core.scenario_file import dump_scenario
+from parapod.systems.hardware.buses.ros2.scene import markers
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
@@ -128,7 +129,7 @@ def test_the_bodies_are_where_the_drawing_has_them(messages, log):
             )
             for frame in graph.model_inspector().GetAllFrameIds()
         }
-        assert len(frames(twin)) == len(content.transforms)
+        assert len(DrawnBodies(twin).poses()) == len(content.transforms)
         for each in content.transforms:
             if each.child_frame_id in poses:
                 pose, at = poses[each.child_frame_id], each.transform.translation
@@ -163,11 +164,11 @@ def test_the_urdf_has_the_solids_of_the_drawing_in_their_places(name):
                 return [*shape.scale3()]
 
     machine = find_machine(name)
-    twin = machine.view.twin(None, machine.scenario())
-    expected = visuals(twin)
+    drawn = DrawnBodies(machine.view.twin(None, machine.scenario()))
+    expected = drawn.visuals()
     plant, graph = MultibodyPlant(0.0), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(graph)
-    Parser(plant).AddModelsFromString(robot_description(twin, name), "urdf")
+    Parser(plant).AddModelsFromString(drawn.description(name), "urdf")
     inspector, bodies = graph.model_inspector(), set()
     for index in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(index))
@@ -199,29 +200,28 @@ def test_drawings_are_no_signals(log):
     assert [*read_log(log).signals] == ["legs.extension", "attitude_estimated"]
 
 
-def test_meshes_of_a_log_are_drawn_without_their_files(tmp_path):
-    from parapod.sims.output.logs.scene_messages import _as_marker
+def test_meshes_of_a_log_are_drawn_without_their_files():
+    from parapod.sims.output.logs.scene_messages import _made
 
     machine = find_machine("walking_chair")
-    solids = visuals(machine.view.twin(None, machine.scenario()))
+    solids = DrawnBodies(machine.view.twin(None, machine.scenario())).visuals()
     meshes = [
         solid.shape
         for each in solids.values()
         for solid in each
         if type(solid.shape).__name__ == "Mesh"
     ]
-    assert meshes
-    for shape in meshes:
-        kind, _, corners = _as_marker(shape)
+    drawn = [marker for marker in markers(_made, solids, 0) if marker.type == 11]
+    assert len(drawn) == len(meshes) > 0
+    for marker, shape in zip(drawn, meshes, strict=True):
         text = Path(shape.source().path()).read_text()
         vertices = {
             tuple(map(float, line.split()[1:4]))
             for line in text.splitlines()
             if line.startswith("v ")
         }
-        assert kind == 11
-        assert len(corners) % 3 == 0
-        assert {tuple(corner) for corner in corners} <= vertices
+        assert len(marker.points) % 3 == 0
+        assert {(each.x, each.y, each.z) for each in marker.points} <= vertices
 
 
 def test_a_log_of_which_nothing_can_be_drawn_says_why(tmp_path):

@@ -34,8 +34,9 @@ def test_every_machine_describes_itself_on_ros_2(machine, monkeypatch):
     from parapod.systems.hardware.buses.ros2.bus import Ros2Bus
 
     descriptions, poses = [], []
-    monkeypatch.setattr(Ros2Bus, "describe", lambda bus, urdf: descriptions.append(urdf))
-    monkeypatch.setattr(Ros2Bus, "place", lambda bus, links, time: poses.append(links))
+    monkeypatch.setattr(Ros2Bus, "describe", lambda bus, *look: descriptions.append(look))
+    monkeypatch.setattr(Ros2Bus, "place", lambda bus, bodies, time: poses.append(bodies))
+    monkeypatch.setattr(Ros2Bus, "is_watched", True)
     number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
     said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
     for part in machine.parts:
@@ -46,34 +47,45 @@ def test_every_machine_describes_itself_on_ros_2(machine, monkeypatch):
         line = takes[f"/test_{number:08x}/{port.part}/command:"]
         is_driven = any(other.twist for other in machine.inputs if other.part == port.part)
         assert line.endswith(", or geometry_msgs/msg/TwistStamped") == is_driven
-    (urdf,) = descriptions
+    ((urdf, visuals),) = descriptions
     assert f'<robot name="{machine.name}"' in urdf
     if "is drawn once" in said:
         assert poses == []  # nobody publishes the estimates
     else:
-        assert all(f'<link name="{link}"' in urdf for link in poses[0])
+        assert {*poses[0]} == {*visuals}
+        assert all(f'<link name="{body}"' in urdf for body in poses[0])
         for position, turn in poses[0].values():
             assert np.isfinite(position).all()
             assert math.isclose(np.linalg.norm(turn), 1.0, rel_tol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("option", "words"), [("", "the option ?tf=cyclonedds"), ("?tf=cyclonedds", "parapod[ros2]")]
-)
-def test_a_machine_without_what_writes_poses_is_served_and_says_so(monkeypatch, option, words):
+def test_a_machine_without_what_draws_it_is_served_and_says_so(monkeypatch):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from parapod.systems.hardware.buses.ros2 import bus
+    from parapod.systems.hardware.buses.ros2.bus import Ros2Bus
 
     def refuse(*_):
-        raise MissingExtra("cyclonedds", "ros2", "not there")
+        raise MissingExtra("visualization_msgs", "ros2", "not there")
 
-    monkeypatch.setattr(bus, "ros_writer", lambda node: None)
-    monkeypatch.setattr(bus, "CycloneWriter", refuse)
+    monkeypatch.setattr(Ros2Bus, "describe", refuse)
     number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
     (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
-    said = served(machine, f"ros2://{1 + number % 100}{option}#test_{number:08x}")
+    said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
     (line,) = [line for line in said.splitlines() if "is not drawn" in line]
-    assert words in line
+    assert "visualization_msgs" in line
+    assert "parapod[ros2]" in line
+
+
+def test_nobody_computes_a_picture_that_nobody_looks_at(monkeypatch):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from parapod.sims.output.drawn_bodies import DrawnBodies
+
+    made = []
+    poses = DrawnBodies.poses
+    monkeypatch.setattr(DrawnBodies, "poses", lambda bodies: made.append(1) or poses(bodies))
+    number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
+    (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
+    served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
+    assert len(made) == 1  # what Drake makes at the first
 
 
 def test_a_machine_whose_scenario_names_a_controller_is_not_served():

@@ -12,7 +12,6 @@ from parapod.systems.core.extras import EXTRAS, need
 NO_DEVICES = {
     "av",
     "builtin_interfaces",
-    "cyclonedds",
     "distributed",
     "geometry_msgs",
     "mujoco",
@@ -24,6 +23,7 @@ NO_DEVICES = {
     "rosgraph_msgs",
     "sensor_msgs",
     "std_msgs",
+    "visualization_msgs",
 }
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 

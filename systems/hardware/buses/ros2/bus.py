@@ -6,11 +6,12 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
+from importlib.util import find_spec
 from typing import Any
 
 from parapod.systems.core.extras import need
-from parapod.systems.hardware.buses.address import CYCLONE, ROS2, SUBNET, Address
-from parapod.systems.hardware.buses.bus import Bus, Poses
+from parapod.systems.hardware.buses.address import ROS2, SUBNET, Address
+from parapod.systems.hardware.buses.bus import Bus, Poses, Visual
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
 from parapod.systems.hardware.buses.ros2.messages import (
@@ -22,7 +23,7 @@ from parapod.systems.hardware.buses.ros2.messages import (
     standard,
     values_of,
 )
-from parapod.systems.hardware.buses.ros2.transforms import CycloneWriter, Writer, ros_writer
+from parapod.systems.hardware.buses.ros2.scene import MARKERS, TRANSFORMS, Scene
 from parapod.systems.hardware.clock import monotonic
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 
@@ -47,8 +48,9 @@ class Ros2Bus(Bus):
     | `/station/stop` | Bool | taken as transient local | true: all parts are neutral |
     | `/station/emergency_stop` | Bool | reliable, transient local | true: it is pressed |
     | `/clock` | Clock | reliable, last 10 | time of the machine |
-    | `/robot_description` | String | reliable, transient local | URDF |
-    | `/tf` | TFMessage | reliable, last 100 | poses of the links |
+    | `/scene` | MarkerArray | reliable, transient local | the machine in the frame `world` |
+    | `/robot_description` | String | ditto | URDF |
+    | `/tf` | TFMessage | reliable, last 100 | poses of its links, where the type is installed |
 
     With a namespace, all but `/clock` and `/tf` have it before their names. What is subscribed to
     may be published in another standard type whose fields fill its signals. The node is managed:
@@ -66,7 +68,7 @@ class Ros2Bus(Bus):
 
         Args:
             address: its place is the number of the domain, "" for that of the environment, and
-                after ? options, `SUBNET` and `CYCLONE`; its suffix is the namespace.
+                after ? the option `SUBNET`; its suffix is the namespace.
             name: name of the node.
 
         Raises:
@@ -76,13 +78,11 @@ class Ros2Bus(Bus):
         rclpy = need("rclpy")
         lifecycle = need("rclpy.lifecycle")
         signals = need("rclpy.signals")
-        domain, _, options = address.place.partition("?")
-        self._options = options.split("&")
+        domain, _, option = address.place.partition("?")
         super().__init__(address)
         self._root = f"/{address.suffix}" if address.suffix else ""
         # ROS 2 looks at it when a context begins; what another bus asked for does not count.
-        os.environ[_REACH] = _SUBNET if SUBNET in self._options else _GIVEN
-        self._is_local = os.environ[_REACH] == _HERE
+        os.environ[_REACH] = _SUBNET if option == SUBNET else _GIVEN
         self.name = f"ROS 2 {ROS2}://{domain or os.environ.get('ROS_DOMAIN_ID', '0')}"
         self._context = need("rclpy.context").Context()
         try:
@@ -96,7 +96,9 @@ class Ros2Bus(Bus):
             )
         except Exception as error:  # of a library in C, which has several
             raise DeviceError(self.name, str(error), DeviceFault.UNPLUGGED) from error
-        self._deserialized = need("rclpy.serialization").deserialize_message
+        serialization = need("rclpy.serialization")
+        self._serialized = serialization.serialize_message
+        self._deserialized = serialization.deserialize_message
         self._publishers: dict[str, Any] = {}
         self._views: dict[str, tuple[Layout, list[tuple[str, Mapping[str, str], Any, Any]]]] = {}
         self._subscriptions: dict[str, tuple[str, Any]] = {}
@@ -104,7 +106,8 @@ class Ros2Bus(Bus):
         self._latches: dict[str, object] = {}
         self._making = threading.Lock()
         self._is_active, self._is_stopped = False, False
-        self._transforms: Writer | None = None
+        self._scene: Scene | None = None
+        self._drawing: dict[str, Any] = {}
         self._node.trigger_configure()
         self._node.trigger_activate()
         self._stopping = f"{self._root}/station/stop"
@@ -233,19 +236,26 @@ class Ros2Bus(Bus):
         self._publisher(kind, "/clock").publish(_message_type(kind)(clock=self._time(time)))
         self._latch("station/emergency_stop", "std_msgs/msg/Bool", is_stopped)
 
-    def describe(self, urdf: str) -> None:
-        """See `Bus`: /robot_description; and /tf begins.
+    def describe(self, urdf: str, visuals: Mapping[str, Sequence[Visual]]) -> None:
+        """See `Bus`: /robot_description; /scene and /tf begin.
 
         Raises:
-            DeviceError: nothing writes /tf.
-            MissingExtra: CycloneDDS is to, and is not installed.
+            MissingExtra: visualization_msgs is not installed.
+            ParapodError: a shape that no marker draws.
         """
         self._latch("robot_description", "std_msgs/msg/String", urdf)
-        writer = ros_writer(self._node)
-        if writer is None and CYCLONE not in self._options:
-            words = f"/tf needs tf2_msgs of an installation of ROS 2, or the option ?{CYCLONE}"
-            raise DeviceError(self.name, words, DeviceFault.UNPLUGGED)
-        self._transforms = writer or CycloneWriter(self._node, self._is_local)
+        # It is not among the packages of ROS 2 on PyPI.
+        has_transforms = find_spec("tf2_msgs") is not None
+        self._scene = Scene(_made, self._serialized, visuals, has_transforms)
+        scene = self._publisher(MARKERS, f"{self._root}/scene", self._latched)
+        self._drawing = {MARKERS: scene}
+        if has_transforms:
+            self._drawing[TRANSFORMS] = self._publisher(TRANSFORMS, "/tf", 100)
+
+    @property
+    def is_watched(self) -> bool:  # type: ignore[override]
+        """See `Bus`."""
+        return any(each.get_subscription_count() for each in self._drawing.values())
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
         """Publishes what late subscribers get as well, where it has changed."""
@@ -255,9 +265,10 @@ class Ros2Bus(Bus):
             self._latches[topic] = data
 
     def place(self, poses: Poses, time: float) -> None:
-        """See `Bus`: /tf, once the machine is described."""
-        if self._transforms is not None:
-            self._transforms.write(poses, round(1e9 * max(time, 0.0)))
+        """See `Bus`: /scene and /tf, once the machine is described."""
+        if self._scene is not None:
+            for kind, data in self._scene.at(poses, round(1e9 * max(time, 0.0))).items():
+                self._drawing[kind].publish(data)
 
     def _listen(self, channel: str) -> None:
         """See `Bus`: the next look takes the type that is published."""
@@ -331,8 +342,6 @@ class Ros2Bus(Bus):
         """See `Bus`."""
         self._over.set()
         self._thread.join()
-        if self._transforms is not None:
-            self._transforms.close()
         with suppress(Exception):
             self._executor.shutdown()
             self._node.destroy_node()
@@ -344,3 +353,8 @@ def _message_type(kind: str) -> Any:
     """Class of a type such as "std_msgs/msg/Bool"."""
     package, _, name = kind.split("/")
     return getattr(need(f"{package}.msg"), name)
+
+
+def _made(kind: str, **fields: Any) -> Any:
+    """A message of a type, of which fields that are not given have their usual values."""
+    return _message_type(kind)(**fields)

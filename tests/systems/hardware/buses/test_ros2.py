@@ -1,21 +1,21 @@
 """ROS 2: messages by their fields, and a graph between nodes of this computer."""
 
-import importlib.util
 import math
 import os
 import struct
-import subprocess
-import sys
 import time
 import zlib
 from pathlib import Path
 from types import SimpleNamespace as Fields
 
 import pytest
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Box, Cylinder, Mesh
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.buses.address import ROS2, Address, address_of
-from parapod.systems.hardware.buses.bus import Inbox
+from parapod.systems.hardware.buses.bus import Inbox, Visual
 from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
 from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
@@ -34,6 +34,7 @@ from parapod.systems.hardware.buses.ros2.messages import (
     standard,
     values_of,
 )
+from parapod.systems.hardware.buses.ros2.scene import Scene
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from tests.systems.hardware.buses.conftest import until
@@ -391,54 +392,93 @@ def test_a_node_that_is_not_active_stops_its_parts(buses, graph):
     assert one.stop == ""
 
 
-READER = """
-import sys, time
-from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from parapod.systems.hardware.buses.ros2.transforms import _HERE, _cyclone_types
-number = int(sys.argv[1])
-domain = Domain(number, _HERE)
-participant = DomainParticipant(number)
-reader = DataReader(participant, Topic(participant, "rt/tf", _cyclone_types()["TFMessage"]))
-end = time.monotonic() + 60.0
-while time.monotonic() < end:
-    for message in reader.take():
-        one = message.transforms[0]
-        t, r = one.transform.translation, one.transform.rotation
-        print(one.child_frame_id, one.header.frame_id, one.header.stamp.sec, t.x, t.z, r.w, r.x)
-        sys.exit()
-    time.sleep(0.02)
-"""
+def _bodies():
+    """A box on a body with another, and a mesh on a second."""
+    half = RigidTransform(RollPitchYaw(0.3, -0.2, 0.1), [0.0, 0.1, 0.5])
+    red, pale = (1.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5, 0.25)
+    return {
+        "leg/upper": [
+            Visual(Box(0.1, 0.2, 0.3), half, red),
+            Visual(Cylinder(0.1, 0.4), RigidTransform(), pale),
+        ],
+        "seat": [Visual(Mesh("seat.obj", 2.0), RigidTransform([1.0, 0.0, 0.0]), pale)],
+    }
 
 
-def test_transforms_need_their_type_or_an_option(buses):
-    if importlib.util.find_spec("tf2_msgs"):
-        pytest.skip("tf2_msgs is installed")
-    with pytest.raises(DeviceError, match=r"/tf needs tf2_msgs .* the option \?tf=cyclonedds"):
-        buses[0].describe("<robot name='x'/>")
+def _some_poses(angle):
+    """Poses of the bodies, and as those of Drake."""
+    one = RigidTransform(RollPitchYaw(angle, 0.5, -0.4), [1.0, 2.0, 3.0])
+    other = RigidTransform(RollPitchYaw(0.1, angle, 0.7), [-1.0, 0.0, 4.0])
+    drake = {"leg/upper": one, "seat": other}
+    return drake, {
+        name: (pose.translation(), pose.rotation().ToQuaternion().wxyz())
+        for name, pose in drake.items()
+    }
 
 
-def test_transforms_are_on_the_graph_with_their_type_in_ros_2(graph, request):
-    pytest.importorskip("cyclonedds", reason="nothing here reads /tf")
-    address = graph._replace(place=f"{graph.place}?tf=cyclonedds")
-    one, other = connect(address, "one"), connect(address, "other")
-    request.addfinalizer(one.close)
-    request.addfinalizer(other.close)
-    one.describe("<robot name='x'/>")
-    program = subprocess.Popen(
-        [sys.executable, "-c", READER, graph.place],
-        cwd=Path(__file__).parents[4],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+def _pose_of(position, turn):
+    quaternion = Quaternion([turn.w, turn.x, turn.y, turn.z])
+    return RigidTransform(quaternion, [position.x, position.y, position.z])
 
-    def read():
-        one.place({"leg": ((1.0, 2.0, 3.0), (0.0, 1.0, 0.0, 0.0))}, 5.0)
-        return program.poll() is not None
 
-    until(read, 90.0)
-    assert program.communicate()[0].split() == ["leg", "world", "5", "1.0", "3.0", "0.0", "1.0"]
+def test_a_machine_is_on_the_graph_as_markers_in_the_world(buses, graph):
+    messages = pytest.importorskip("visualization_msgs.msg", reason="ROS 2 is not installed")
+    one, other = buses
+    bodies = _bodies()
+    one.describe("<robot name='x'/>", bodies)
+    assert not one.is_watched
+    seen = []
+    topic = f"/{graph.suffix}/scene"
+    other._node.create_subscription(messages.MarkerArray, topic, seen.append, 10)
+    until(lambda: one.is_watched, 60.0)
+    for time_of, angle in ((5.25, 0.2), (6.0, -1.0)):
+        seen.clear()
+        drake, poses = _some_poses(angle)
+        one.place(poses, time_of)
+        until(lambda: seen, 60.0)
+        solids = [(name, each) for name, body in bodies.items() for each in body]
+        assert len(seen[0].markers) == len(solids)
+        for marker, (name, solid) in zip(seen[0].markers, solids, strict=True):
+            assert (marker.header.frame_id, marker.ns) == ("world", name)
+            stamp = marker.header.stamp
+            assert stamp.sec + 1e-9 * stamp.nanosec == time_of
+            there = _pose_of(marker.pose.position, marker.pose.orientation)
+            assert there.IsNearlyEqualTo(drake[name] @ solid.pose, 1e-12)
+            assert (marker.color.r, marker.color.a) == (solid.colour[0], solid.colour[3])
+    box, cylinder, mesh = seen[0].markers
+    assert (box.type, box.scale.x, box.scale.z) == (box.CUBE, 0.1, 0.3)
+    assert (cylinder.type, cylinder.scale.x, cylinder.scale.z) == (box.CYLINDER, 0.2, 0.4)
+    assert (mesh.type, mesh.scale.y) == (box.MESH_RESOURCE, 2.0)
+    assert mesh.mesh_resource == (Path.cwd() / "seat.obj").as_uri()
     topics = dict(other._node.get_topic_names_and_types())
-    assert topics["/tf"] == ["tf2_msgs/msg/TFMessage"]
     assert topics[f"/{graph.suffix}/robot_description"] == ["std_msgs/msg/String"]
+
+
+def test_transforms_of_the_bodies_are_beside_the_markers():
+    kind, library = "tf2_msgs/msg/TFMessage", pytest.importorskip("rosbags.typesys")
+    store = library.get_typestore(library.Stores.ROS2_HUMBLE)
+
+    def made(kind, **fields):
+        # Markers are tried on the graph: here they need no more than times and poses.
+        return Fields(**fields) if "visualization" in kind else store.types[kind](**fields)
+
+    def serialized(message):
+        if not isinstance(message, Fields):
+            return bytes(store.serialize_cdr(message, kind))
+        headers = [
+            struct.pack("=iI", m.header.stamp.sec, m.header.stamp.nanosec) for m in message.markers
+        ]
+        places = [(m.pose.position, m.pose.orientation) for m in message.markers]
+        return b"".join(headers) + b"".join(
+            struct.pack("=7d", p.x, p.y, p.z, q.x, q.y, q.z, q.w) for p, q in places
+        )
+
+    scene = Scene(made, serialized, _bodies(), True)
+    for angle in (0.2, -1.0):
+        drake, poses = _some_poses(angle)
+        message = store.deserialize_cdr(scene.at(poses, 5_250_000_000)[kind], kind)
+        assert [each.child_frame_id for each in message.transforms] == list(drake)
+        for each in message.transforms:
+            assert (each.header.frame_id, each.header.stamp.sec) == ("world", 5)
+            there = _pose_of(each.transform.translation, each.transform.rotation)
+            assert there.IsNearlyEqualTo(drake[each.child_frame_id], 1e-12)
