@@ -21,6 +21,7 @@ from parapod.sims.output.logs.live import LiveLog
 from parapod.sims.output.options import RunOptions
 from parapod.sims.output.progress import progress
 from parapod.sims.real_machine.age_limit import ages_of, allow_old_measurements
+from parapod.sims.real_machine.phase import Phase
 from parapod.sims.real_machine.real_time import (
     USUAL,
     DeadlineError,
@@ -33,7 +34,7 @@ from parapod.sims.real_machine.real_time import (
 from parapod.systems.core.errors import OutputError
 from parapod.systems.core.quoting import quoted_path
 from parapod.systems.core.scenario_file import dump_scenario
-from parapod.systems.hardware.clock import monotonic
+from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.io import DeviceThread
 from parapod.systems.hardware.position_memory import IncrementalDevice
 from parapod.systems.hardware.signals import ended_by_signals
@@ -174,12 +175,16 @@ def run_on_hardware(
             if is_over(context):
                 raise _Over
 
-        running = RealTimeLoop(simulator, station.scenario.control.period, on_tick)
+        phase = Phase(parts.all_threads, station.scenario.control.period)
+        running = RealTimeLoop(
+            simulator, station.scenario.control.period, on_tick, shift=phase.shift
+        )
         running.timing.refused = tuple(each for each in outcomes if not each.is_taken)
         running.timing.clock = clock
         announce(running.timing)
         # Those of the beginning have grown old meanwhile.
         parts.await_measurements(_PATIENCE)
+        sleep(-phase.late(monotonic()) % station.scenario.control.period)
         try:
             running.run(min(until, _FOREVER))
         except _Over:

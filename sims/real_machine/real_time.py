@@ -110,10 +110,16 @@ def percentiles(values: Collection[float]) -> NDArray[np.float64]:
     return np.percentile(list(values), [50.0, 99.0, 100.0]) if values else np.full(3, np.nan)
 
 
+def _unshifted(due: float) -> float:
+    """Keeps to the schedule."""
+    return 0.0
+
+
 class RealTimeLoop:
     """Advances a simulator by one period at each deadline of an absolute schedule.
 
-    Tick k is due k periods after the beginning, whatever the ticks before have cost. When a tick
+    Tick k is due k periods after the beginning, whatever the ticks before have cost, unless the
+    schedule is to be shifted by a small part of a period after each. When a tick
     comes so late that the next one is due as well, the schedule is moved: ticks are left out and
     counted, and never run in a burst, because each would command a machine of the past.
 
@@ -134,6 +140,7 @@ class RealTimeLoop:
         patience: float = 0.0,
         hold: Hold | None = None,
         slack: float | None = None,
+        shift: Callable[[float], float] = _unshifted,
     ):
         """Prepares the loop.
 
@@ -150,11 +157,13 @@ class RealTimeLoop:
             hold: hold by which an emulated time waits for the ticks; None for a new one.
             slack: delay with which ticks may end before it waits for them [s]; None: they may
                 begin a tenth of a period late, and then take half of one.
+            shift: time by which all that follows the tick due at a time is shifted [s].
         """
         self._simulator, self._on_tick, self._patience = simulator, on_tick, patience
         self._slack = _LATE * period if slack is None else slack
         self._longest = _SLOW * period if slack is None else None
         self._is_strict, self._clock, self._sleep, self._hold = is_strict, clock, sleep, hold
+        self._shift = shift
         self.timing = Timing(period, kept)
         self._window = max(10, round(_WINDOW / period))
         self._is_missed: deque[bool] = deque(maxlen=self._window)
@@ -211,7 +220,7 @@ class RealTimeLoop:
             ended = self._clock()
             timing.add(started - due, ended - started)
             self._is_missed.append(False)
-            due += period
+            due += period + self._shift(due)
             if self._patience and not standing.is_kept:
                 earliest = started + _HURRIED * period
             if (behind := ended - due) > self._patience:

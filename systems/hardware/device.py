@@ -4,8 +4,9 @@ A library that only one part needs is imported when its device is configured, se
 `parapod.systems.core.extras`. A part that the machine does not have is `NotFitted`.
 """
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from enum import IntEnum
 from types import TracebackType
@@ -77,6 +78,9 @@ class Device(ABC):
         place: resource that only one program may command, see `only_program`; "": none.
         stamp: time of devices at which what `read` returned was measured [s]; None: when it was
             asked for.
+        sends_every: period of measurements that come without being asked for [s]; infinite: none
+            does.
+        on_measured: called when one of those has come, from any thread; set by who reads them.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
         fail_safe: those of the commands that are switches; 1 is the safe side of each (stopped,
@@ -88,6 +92,8 @@ class Device(ABC):
     watchdog: str = ""
     remarks: Sequence[str] = ()
     stamp: float | None = None
+    sends_every: float = math.inf
+    on_measured: Callable[[], None] | None = None
     measures: Mapping[str, int] = {}
     commands: Mapping[str, int] = {}
     fail_safe: Collection[str] = ()

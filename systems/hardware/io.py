@@ -42,6 +42,9 @@ _LARGEST_LEAD = 0.7
 _LEARNING = 2e-4
 # Reading times that differ by less are equal [s].
 _ROUNDING = 1e-6
+# What a device sends more often than this is read as if it had to be asked [periods]; what it
+# sends is missing after this [of its own periods].
+_RARE, _MISSING = 0.5, 2.0
 # Number of the newest ages that are kept: some minutes.
 _KEPT = 30_000
 # An emulated time waits for readings and commands that are not done after so much of a period [-]:
@@ -78,6 +81,8 @@ class DeviceThread:
 
     A loop that says when it takes samples (`taken`) gets fresh ones: the next reading is begun so
     late that it ends just before they are taken again. Without a loop the readings are periodic.
+    What a device sends without being asked is read when it comes, or once two are missing, unless
+    it comes more often than twice a period.
 
     Samples and commands are tuples that are swapped whole. When no command has come for
     `command_timeout`, the outputs are made neutral: a controller that hangs moves nothing, unless
@@ -105,6 +110,10 @@ class DeviceThread:
         """
         self.device, self.period = device, period
         self._timeout, self._clock = command_timeout, clock
+        self._is_sent = _RARE * period < device.sends_every < math.inf
+        self._every = _MISSING * device.sends_every if self._is_sent else period
+        if self._is_sent:
+            device.on_measured = self._read_now
         self._sample = self._no_sample()
         self._command: _Command | None = None
         self._written: _Command | None = None
@@ -162,7 +171,8 @@ class DeviceThread:
         scheduled = self._taken_at + self.period
         self._taken_at = scheduled if 0.0 <= now - scheduled < 0.5 * self.period else now
         if self._due > now:  # a reading that is late already must not be put off for ever
-            self._read_before_taken()
+            if not self._is_sent:
+                self._read_before_taken()
             if not self._is_reading:
                 self._wait_for_reading()
         self._wake.set()
@@ -229,6 +239,10 @@ class DeviceThread:
         """Instant at which a reading is due that ends just before samples are taken again [s]."""
         return self._taken_at + self.period - self._lead
 
+    def _read_now(self) -> None:
+        self._due = self._clock()
+        self._wake.set()
+
     def _read_before_taken(self) -> None:
         self._due = self._before_taken
         self._allowed = min(self._lead - _MARGIN, _HELD * self.period)
@@ -259,7 +273,7 @@ class DeviceThread:
             if newest is not None and now - newest.posted > self._timeout:
                 self._fall_silent()
             if now >= self._due:
-                due, self._due = self._due, max(self._due + self.period, now)
+                due, self._due = self._due, max(self._due + self._every, now)
                 self._allowed = _HELD * self.period
                 self._read(due)
             wait_until(self._wake, min(self._due, self._clock() + self._timeout))
@@ -280,7 +294,7 @@ class DeviceThread:
         self._learn(self._clock() - due)
         self._has_sample.set()
         # Samples of readings that begin at the loop's tick would be a period old at each tick.
-        if self._clock() < self._before_taken < self._due:
+        if not self._is_sent and self._clock() < self._before_taken < self._due:
             self._read_before_taken()
         self._is_reading = False  # before the next one is waited for, by the loop or here
         self._wait_for_reading()

@@ -3,7 +3,7 @@
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from numpy.typing import ArrayLike
@@ -72,6 +72,7 @@ class Inbox:
         layout: signals of its messages.
         newest: the newest message that was accepted; None before the first.
         ignored: number of messages that came twice, and of those that came out of order.
+        on_taken: called when there is a newer one, from the thread that receives.
     """
 
     def __init__(self, channel: str, layout: Layout, rate: float, timeout: float):
@@ -86,6 +87,7 @@ class Inbox:
         self.channel, self.layout = channel, layout
         self.newest: Received | None = None
         self.ignored = [0, 0]
+        self.on_taken: Callable[[], None] | None = None
         self._timeout = timeout
         self._most = _CROWD * rate * _COUNTED + 2.0
         self._wrong: tuple[float, str] | None = None
@@ -117,6 +119,8 @@ class Inbox:
             if abs(ahead - (arrived - last.arrived)) > JUMP:
                 self.refuse(f"the sender's clock has jumped by {ahead:+.3g} s", arrived)
         self.newest = Received(signals, message, arrived)
+        if self.on_taken is not None:
+            self.on_taken()
 
     def _look_for_two(self, arrived: float, is_older: bool) -> None:
         """Refuses messages that come as those of two senders do."""

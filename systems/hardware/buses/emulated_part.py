@@ -8,7 +8,7 @@ from parapod.systems.hardware.buses.bus import Bus
 from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.message import Layout, Message
 from parapod.systems.hardware.buses.served_part import ServedPart
-from parapod.systems.hardware.clock import monotonic, wait
+from parapod.systems.hardware.clock import monotonic, wait_until
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 
 
@@ -70,8 +70,12 @@ class EmulatedBusPart:
             self._bus.close()
 
     def _run(self, served: ServedPart) -> None:
-        last = monotonic()
-        while not wait(self._over, 1.0 / self._rate):
+        last, period, instant = monotonic(), 1.0 / self._rate, 0
+        while True:
+            # The same for all parts; those that are over are left out.
+            instant = max(instant, int(monotonic() / period)) + 1
+            if wait_until(self._over, instant * period):
+                return
             now = monotonic()
             answers = self._misbehaviour.answers(now)
             last = now if answers else last

@@ -60,6 +60,7 @@ class BusPart(Device):
         """
         self.measures, self.commands = dict(measures), dict(commands)
         self.fail_safe = frozenset(fail_safe)
+        self.sends_every = 1.0 / rate if measures else math.inf
         self._status, self._command = address.channels_of(part)
         self.place = f"{self._command} at {place}" if commands else ""
         self.name = f"{part} on {self._status if measures else self._command}"
@@ -82,6 +83,7 @@ class BusPart(Device):
         begin = monotonic()
         self._bus = connect(self._address)
         self._inbox = Inbox(self._status, self._measured, self._rate, self._timeout)
+        self._inbox.on_taken = self.on_measured
         if self.measures:
             self._bus.subscribe(self._inbox)
             self._await(begin + self._patience)

@@ -6,6 +6,7 @@ import sys
 import time
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -60,6 +61,20 @@ def test_ticks_are_due_at_multiples_of_the_period_whatever_they_cost():
     assert world.started == pytest.approx([50.0 + k * PERIOD for k in range(20)])
     assert timing.missed == 0
     assert max(timing.late) == pytest.approx(0.0)
+
+
+def test_a_schedule_that_is_shifted_stays_so_and_nothing_counts_as_late():
+    world, dues = World(), []
+
+    def shift(due):
+        dues.append(due)
+        return 0.0002 if len(dues) < 4 else 0.0
+
+    timing = run(world, 8, shift=shift)
+    assert dues == pytest.approx(world.started)
+    assert np.diff(world.started) == pytest.approx(3 * [PERIOD + 0.0002] + 4 * [PERIOD])
+    assert max(timing.late) == pytest.approx(0.0)
+    assert timing.missed == 0
 
 
 def test_a_late_tick_is_followed_by_no_burst():

@@ -435,3 +435,32 @@ def test_samples_are_fresh_for_a_loop_although_readings_take_longer_than_a_perio
     assert max(ages[15:]) < period
     # Values may be newer than their stamps by as much.
     assert max(took) < 0.25 * period
+
+
+def test_what_a_device_sends_is_read_when_it_comes(running, fake, until):
+    device = fake()
+    device.sends_every = 1e3
+    thread = running(device, period=1e3)
+    for readings in range(2, 5):
+        thread.taken()
+        device.on_measured()
+        until(lambda: device.readings == readings)  # noqa: B023 (before the next)
+    until(lambda: thread.sample.values["position"] == (4.0, 4.0))
+
+
+def test_a_device_that_has_ceased_to_send_is_found_out(running, fake, failure, until):
+    device = fake()
+    device.sends_every = 0.01
+    thread = running(device, period=0.01)
+    device.error = failure
+    until(lambda: thread.sample.fault)
+
+
+@pytest.mark.parametrize("sends_every", [math.inf, 1e-3])
+def test_what_is_sent_more_often_than_it_is_taken_is_read_as_if_it_had_to_be_asked(
+    fake, sends_every
+):
+    device = fake()
+    device.sends_every = sends_every
+    DeviceThread(device, period=0.01)
+    assert device.on_measured is None
