@@ -1,6 +1,5 @@
 """The self-test of a part whose devices are fakes."""
 
-import time
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,6 +11,7 @@ from parapod.diagrams.levelling_platform.machine import PLATFORM
 from parapod.diagrams.levelling_platform.scenario import LevellingScenario
 from parapod.sims.real_machine.self_test import Move, check_part
 from parapod.systems.core.errors import ScenarioError
+from parapod.systems.hardware.clock import EmulatedClock, going_by, hold, monotonic
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault
 from parapod.systems.hardware.io import DeviceThread
 
@@ -23,14 +23,14 @@ class FakePart(Device):
 
     def __init__(self, part, ports):
         self.name, self.measures, self.commands = f"fake {part}", ports.measures, ports.commands
-        self.velocity, self.angle, self.then = (0.0,) * 4, [0.0] * 4, time.monotonic()
+        self.velocity, self.angle, self.then = (0.0,) * 4, [0.0] * 4, monotonic()
         self.asked, self.blows_at, self.end = [], None, 1e9
 
     def configure(self):
         pass
 
     def read(self):
-        now = time.monotonic()
+        now = monotonic()
         for wheel, velocity in enumerate(self.velocity):
             self.angle[wheel] = min(self.end, self.angle[wheel] + velocity * (now - self.then))
         self.then = now
@@ -63,8 +63,11 @@ class _FakeDriver(Driver):
 
 
 @pytest.fixture
-def check(monkeypatch):
-    """check(move, **settings): metrics of the wheels' self-test by key, and the device."""
+def check(monkeypatch, tmp_path):
+    """check(move, **settings): metrics of the wheels' self-test by key, and the device.
+
+    Time waits for the test's threads, on a computer that pauses or is slow.
+    """
     # A computer that pauses for longer than usual ends no test.
     patient = partial(DeviceThread, command_timeout=60.0)
     monkeypatch.setattr("parapod.diagrams.devices.DeviceThread", patient)
@@ -72,7 +75,11 @@ def check(monkeypatch):
     def run(move, may_move=lambda: True, **settings):
         drivers = [_FakeDriver(part, **settings) for part in PARTS]
         scenario = LevellingScenario(backend="hardware", hardware=HardwareScenario(drivers))
-        metrics = check_part(PLATFORM, scenario, "wheels", move, 0.1, lambda line: None, may_move)
+        with going_by(EmulatedClock(tmp_path / "clock", 1.0)):
+            hold()
+            metrics = check_part(
+                PLATFORM, scenario, "wheels", move, 0.1, lambda line: None, may_move
+            )
         return {metric.key: metric for metric in metrics}, drivers[PARTS.index("wheels")].made
 
     return run
