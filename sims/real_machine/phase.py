@@ -1,4 +1,4 @@
-"""Phase of a loop to measurements that come by themselves, in the period of the loop.
+"""Phase of a loop to measurements that come by themselves, once in its period or several times.
 
 A device that is asked is read just before the loop takes samples (`DeviceThread`). A part behind a
 bus publishes when it likes, and a loop that happens to tick just before goes by measurements that
@@ -10,9 +10,11 @@ from collections.abc import Sequence
 
 from parapod.systems.hardware.io import DeviceThread
 
-# Time from the newest measurement to the tick that takes it, and the largest shift of a tick, by
-# which the loop follows 2 ms a second [periods]; and periods that are the same [-].
-_LEAD, _STEP, _SAME = 0.3, 2e-3, 1e-2
+# Time from the newest measurement to the tick that takes it [periods of the sender], and the
+# largest shift of a tick, by which the loop follows 2 ms a second [periods of the loop].
+_LEAD, _STEP = 0.3, 2e-3
+# A sender is followed whose messages in a period of the loop are a whole number but for this [-].
+_WHOLE = 0.05
 
 
 class Phase:
@@ -22,16 +24,14 @@ class Phase:
     """
 
     def __init__(self, threads: Sequence[DeviceThread], period: float):
-        """Finds the devices whose measurements come by themselves in the period of the loop.
+        """Finds the devices whose measurements come by themselves.
 
         Args:
             threads: threads of the devices.
             period: period of the loop [s].
         """
         self._period = period
-        self._threads = [
-            thread for thread in threads if abs(thread.device.sends_every / period - 1.0) < _SAME
-        ]
+        self._threads = [thread for thread in threads if not thread.device.is_asked]
 
     def late(self, at: float) -> float:
         """By how much a tick is late for them, at most half a period; negative: early [s].
@@ -39,13 +39,21 @@ class Phase:
         Args:
             at: time of devices at which the tick is [s].
         """
-        period, lead = self._period, _LEAD * self._period
-        stamps = [thread.sample.stamp for thread in self._threads if not thread.error]
-        if not stamps:
+        sent = [
+            (thread.sample.stamp, self._period / count)
+            for thread in self._threads
+            if not thread.error and (count := self._count(thread.device.sends_every))
+        ]
+        if not sent:
             return 0.0
         # Of ticks that follow one of the measurements: the oldest that the tick takes is youngest.
-        followed = min(stamps, key=lambda one: max((one - other) % period for other in stamps))
-        return (at - followed - lead + 0.5 * period) % period - 0.5 * period
+        stamp, every = min(sent, key=lambda one: max((one[0] - t) % each for t, each in sent))
+        return (at - stamp - _LEAD * every + 0.5 * every) % every - 0.5 * every
+
+    def _count(self, sends_every: float) -> int:
+        """Messages in a period of the loop, a whole number; 0 for any other."""
+        ratio = self._period / sends_every
+        return round(ratio) if abs(ratio - round(ratio)) < _WHOLE * ratio else 0
 
     def shift(self, due: float) -> float:
         """By how much the tick after the one that is due at a time is to be shifted [s]."""

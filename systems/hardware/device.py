@@ -78,8 +78,8 @@ class Device(ABC):
         place: resource that only one program may command, see `only_program`; "": none.
         stamp: time of devices at which what `read` returned was measured [s]; None: when it was
             asked for.
-        sends_every: period of measurements that come without being asked for [s]; infinite: none
-            does.
+        is_asked: false if measurements come by themselves, and `read` returns the newest.
+        sends_every: mean time between those that have come of late [s]; infinite: not known.
         on_measured: called when one of those has come, from any thread; set by who reads them.
         measures: the signals that `read` returns, and their sizes.
         commands: the signals that `write` takes, and their sizes.
@@ -92,6 +92,7 @@ class Device(ABC):
     watchdog: str = ""
     remarks: Sequence[str] = ()
     stamp: float | None = None
+    is_asked: bool = True
     sends_every: float = math.inf
     on_measured: Callable[[], None] | None = None
     measures: Mapping[str, int] = {}

@@ -42,9 +42,9 @@ _LARGEST_LEAD = 0.7
 _LEARNING = 2e-4
 # Reading times that differ by less are equal [s].
 _ROUNDING = 1e-6
-# What a device sends more often than this is read as if it had to be asked [periods]; what it
-# sends is missing after this [of its own periods].
-_RARE, _MISSING = 0.5, 2.0
+# What a device sends is read no sooner than this after the last reading; it is missing after this
+# [periods].
+_SOON, _MISSING = 0.2, 2.0
 # Number of the newest ages that are kept: some minutes.
 _KEPT = 30_000
 # An emulated time waits for readings and commands that are not done after so much of a period [-]:
@@ -81,8 +81,8 @@ class DeviceThread:
 
     A loop that says when it takes samples (`taken`) gets fresh ones: the next reading is begun so
     late that it ends just before they are taken again. Without a loop the readings are periodic.
-    What a device sends without being asked is read when it comes, or once two are missing, unless
-    it comes more often than twice a period.
+    What a device sends without being asked is read when it comes, but not more often than five
+    times a period, and once none has come for two periods.
 
     Samples and commands are tuples that are swapped whole. When no command has come for
     `command_timeout`, the outputs are made neutral: a controller that hangs moves nothing, unless
@@ -110,9 +110,9 @@ class DeviceThread:
         """
         self.device, self.period = device, period
         self._timeout, self._clock = command_timeout, clock
-        self._is_sent = _RARE * period < device.sends_every < math.inf
-        self._every = _MISSING * device.sends_every if self._is_sent else period
-        if self._is_sent:
+        self._every = period if device.is_asked else _MISSING * period
+        self._read_at = -math.inf
+        if not device.is_asked:
             device.on_measured = self._read_now
         self._sample = self._no_sample()
         self._command: _Command | None = None
@@ -171,7 +171,7 @@ class DeviceThread:
         scheduled = self._taken_at + self.period
         self._taken_at = scheduled if 0.0 <= now - scheduled < 0.5 * self.period else now
         if self._due > now:  # a reading that is late already must not be put off for ever
-            if not self._is_sent:
+            if self.device.is_asked:
                 self._read_before_taken()
             if not self._is_reading:
                 self._wait_for_reading()
@@ -240,8 +240,10 @@ class DeviceThread:
         return self._taken_at + self.period - self._lead
 
     def _read_now(self) -> None:
-        self._due = self._clock()
-        self._wake.set()
+        now = self._clock()
+        if now >= self._read_at + _SOON * self.period:
+            self._due = now
+            self._wake.set()
 
     def _read_before_taken(self) -> None:
         self._due = self._before_taken
@@ -280,7 +282,8 @@ class DeviceThread:
             self._wake.clear()
 
     def _read(self, due: float) -> None:
-        began, self._is_reading = self._clock(), True
+        self._read_at = began = self._clock()
+        self._is_reading = True
         try:
             values = {name: tuple(v) for name, v in self.device.read().items()}
         except Exception as error:
@@ -294,7 +297,7 @@ class DeviceThread:
         self._learn(self._clock() - due)
         self._has_sample.set()
         # Samples of readings that begin at the loop's tick would be a period old at each tick.
-        if not self._is_sent and self._clock() < self._before_taken < self._due:
+        if self.device.is_asked and self._clock() < self._before_taken < self._due:
             self._read_before_taken()
         self._is_reading = False  # before the next one is waited for, by the loop or here
         self._wait_for_reading()

@@ -1,5 +1,6 @@
 """A bus as this program sees it: channels to publish on, and inboxes that judge what comes."""
 
+import math
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
@@ -121,6 +122,13 @@ class Inbox:
         self.newest = Received(signals, message, arrived)
         if self.on_taken is not None:
             self.on_taken()
+
+    @property
+    def interval(self) -> float:
+        """Mean time between the messages of the last half second [s]; infinite before two came."""
+        arrivals = self._arrivals
+        count = len(arrivals) - 1
+        return (arrivals[-1][0] - arrivals[0][0]) / count if count > 0 else math.inf
 
     def _look_for_two(self, arrived: float, is_older: bool) -> None:
         """Refuses messages that come as those of two senders do."""

@@ -54,13 +54,13 @@ class BusPart(Device):
             units: units of the signals, by which standard messages are known.
             fail_safe: those of the commands that are switches, see `Device`.
             place: address of the bus, for the lock against a second controller.
-            rate: messages a second that it publishes [Hz].
+            rate: messages a second that it publishes, at most [Hz].
             timeout: age from which its newest message is too old [s].
             patience: time for which its first message is waited for [s].
         """
         self.measures, self.commands = dict(measures), dict(commands)
         self.fail_safe = frozenset(fail_safe)
-        self.sends_every = 1.0 / rate if measures else math.inf
+        self.is_asked = not measures
         self._status, self._command = address.channels_of(part)
         self.place = f"{self._command} at {place}" if commands else ""
         self.name = f"{part} on {self._status if measures else self._command}"
@@ -126,7 +126,7 @@ class BusPart(Device):
             raise DeviceError(self.name, problem.words, problem.fault)
         newest = self._inbox.newest
         assert newest is not None
-        self.stamp = newest.arrived
+        self.stamp, self.sends_every = newest.arrived, self._inbox.interval
         return newest.signals
 
     def _insist(self) -> None:

@@ -12,21 +12,31 @@ PERIOD = 0.01
 LEAD = 0.3 * PERIOD
 
 
-def thread(stamp, sends_every=PERIOD, error=None):
-    return Fields(device=Fields(sends_every=sends_every), sample=Fields(stamp=stamp), error=error)
+def thread(stamp, sends_every=PERIOD, error=None, is_asked=False):
+    device = Fields(is_asked=is_asked, sends_every=sends_every)
+    return Fields(device=device, sample=Fields(stamp=stamp), error=error)
 
 
+@pytest.mark.parametrize("count", [1, 2, 10])
 @pytest.mark.parametrize("age", np.linspace(0.0, 0.0099, 12))
-def test_a_tick_is_late_for_what_came_longer_ago_than_the_lead(age):
-    late = Phase([thread(50.0)], PERIOD).late(50.0 + 3 * PERIOD + age)
-    assert -0.5 * PERIOD <= late <= 0.5 * PERIOD
+def test_a_tick_is_late_for_what_came_longer_ago_than_the_lead(age, count):
+    # Its interval is a measured one, which is never a whole part of the period.
+    every = PERIOD / count
+    late = Phase([thread(50.0, 1.01 * every)], PERIOD).late(50.0 + 3 * PERIOD + age)
+    assert -0.5 * every <= late <= 0.5 * every
     # A tick that much earlier comes the lead after a measurement.
-    periods = (age - late - LEAD) / PERIOD
+    periods = (age - late - 0.3 * every) / every
     assert periods == pytest.approx(round(periods), abs=1e-6)
 
 
 def test_nothing_is_shifted_without_measurements_that_come_in_the_period_of_the_loop():
-    others = [thread(50.0, math.inf), thread(50.003, 0.5 * PERIOD), thread(50.0, error="silent")]
+    others = [
+        thread(50.0, is_asked=True),
+        thread(50.0, math.inf),
+        thread(50.003, 0.7 * PERIOD),
+        thread(50.003, 3 * PERIOD),
+        thread(50.0, error="silent"),
+    ]
     phase = Phase(others, PERIOD)
     assert all(phase.shift(50.0 + at) == 0.0 for at in np.linspace(0.0, 0.01, 7))
 

@@ -439,28 +439,29 @@ def test_samples_are_fresh_for_a_loop_although_readings_take_longer_than_a_perio
 
 def test_what_a_device_sends_is_read_when_it_comes(running, fake, until):
     device = fake()
-    device.sends_every = 1e3
+    device.is_asked = False
     thread = running(device, period=1e3)
     for readings in range(2, 5):
         thread.taken()
+        thread._read_at = -math.inf  # long ago
         device.on_measured()
         until(lambda: device.readings == readings)  # noqa: B023 (before the next)
     until(lambda: thread.sample.values["position"] == (4.0, 4.0))
 
 
+def test_what_a_device_sends_too_often_is_not_read_each_time(running, fake):
+    device = fake()
+    device.is_asked = False
+    thread = running(device, period=1e3)
+    for _ in range(100):
+        device.on_measured()
+    assert thread._due > monotonic() + 1e3
+    assert device.readings == 1
+
+
 def test_a_device_that_has_ceased_to_send_is_found_out(running, fake, failure, until):
     device = fake()
-    device.sends_every = 0.01
+    device.is_asked = False
     thread = running(device, period=0.01)
     device.error = failure
     until(lambda: thread.sample.fault)
-
-
-@pytest.mark.parametrize("sends_every", [math.inf, 1e-3])
-def test_what_is_sent_more_often_than_it_is_taken_is_read_as_if_it_had_to_be_asked(
-    fake, sends_every
-):
-    device = fake()
-    device.sends_every = sends_every
-    DeviceThread(device, period=0.01)
-    assert device.on_measured is None

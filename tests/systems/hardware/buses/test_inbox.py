@@ -131,3 +131,18 @@ def test_a_sender_without_a_clock_is_taken_as_it_comes():
         box.take(message(0.0, (float(k), 0.0)), PERIOD * k)
     assert box.newest.signals["position"] == (4.0, 0.0)
     assert box.problem(0.04) is None
+
+
+def test_the_interval_is_the_mean_of_the_last_half_second_and_each_newer_message_is_told():
+    box, told = inbox(), []
+    box.on_taken = lambda: told.append(box.newest.message.stamp)
+    assert math.isinf(box.interval)
+    for k in range(100):
+        box.take(message(1.0 + k * PERIOD), 50.0 + k * PERIOD)
+    assert box.interval == pytest.approx(PERIOD)
+    for k in range(60):
+        box.take(message(2.0 + 0.5 * k * PERIOD), 51.0 + k * 2 * PERIOD)
+    assert box.interval == pytest.approx(2 * PERIOD)
+    assert len(told) == 160
+    box.take(message(1.5), 53.0)
+    assert len(told) == 160
