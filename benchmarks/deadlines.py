@@ -3,8 +3,9 @@
 The platform's parts are also driven behind buses, for two minutes.
 
 No deadline is to be missed on an idle computer. Whether it was idle tell programs that only wake
-up, one a core, with a higher priority than the controller: a deadline that is missed while they
-wake up in time as well is ours. They do not see cores that are slow: so a loop that only computes,
+up, one a core, with a higher priority than the controller, and the kernel's count of the time for
+which a virtual machine's host took a core: a deadline that is missed while they wake up in time
+and the host takes nothing is ours. Neither sees cores that are slow: so a loop that only computes,
 for as long as the machine's ticks do, runs right afterwards, for comparison.
 """
 
@@ -72,16 +73,18 @@ class Run(NamedTuple):
     missed_alone: float
 
     @property
-    def failures(self) -> list[tuple[float, float]]:
-        """Times of its being late, or ended, and times for which cores stood still before [s]."""
+    def failures(self) -> list[tuple[float, float, float]]:
+        """Times of its being late, or ended, and times before for which cores stood still, and for
+        which the host took them [s]."""
         at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
-        return list(zip(at - self.begun, self.wake_ups.before(at, _SPAN), strict=True))
+        before = self.wake_ups.before(at, _SPAN), self.wake_ups.taken_before(at, _SPAN)
+        return list(zip(at - self.begun, *before, strict=True))
 
     @property
     def unexcused(self) -> int:
         """Number of times that it was late, or ended, although the computer was on time."""
         least = _EXCUSE * self.timing.period if self.wake_ups.is_judge else np.inf
-        return sum(lost_time < least for _, lost_time in self.failures)
+        return sum(max(lost, taken) < least for _, lost, taken in self.failures)
 
 
 def run(console: Console) -> list[Measurement]:
@@ -186,10 +189,10 @@ def _tell(words: str, run: Run, console: Console) -> None:
     seconds = run.timing.ticks * run.timing.period
     ended = f"ended after {seconds:.0f} s: {run.ended}" if run.ended else "to its end"
     console.print(f"  {words}: {ended}", highlight=False)
-    for when, lost_time in run.failures:
+    for when, lost, taken in run.failures:
         console.print(
-            f"  {words}: late at {when:.2f} s; cores stood still for "
-            f"{1e3 * lost_time:.1f} ms before",
+            f"  {words}: late at {when:.2f} s; before, cores stood still for {1e3 * lost:.1f} ms, "
+            f"and the host took {1e3 * taken:.0f} ms",
             highlight=False,
         )
 
@@ -208,6 +211,7 @@ def _judged(
         Measurement(f"{words}: deadlines missed", timing.missed, ""),
         Measurement(f"{words}: a loop with work alone would have missed", alone, ""),
         Measurement(f"{words}: a core stood still for", 1e3 * run.wake_ups.latest, "ms"),
+        Measurement(f"{words}: the host took cores for", run.wake_ups.taken[:, 1].sum(), "s"),
         Measurement(f"{words}: late or ended, cores on time", run.unexcused, "", 0, None, True),
     ]
     for part, ages in run.ages.items():

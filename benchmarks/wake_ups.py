@@ -1,8 +1,9 @@
 """`python -m benchmarks.wake_ups CORE`: a real-time program that only wakes up, on one core.
 
 It waits behind no program of ordinary or lesser priority, so that what delays it is the computer
-itself: its kernel, its firmware, or the host of a virtual machine. It ends with its standard
-input.
+itself: its kernel, its firmware, or the host of a virtual machine. It also looks at the time for
+which the host took its core away, as the kernel counts it ("steal" in proc(5)): a program that
+waits meanwhile does not notice. It ends with its standard input.
 """
 
 import gc
@@ -12,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import FileIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,9 @@ from parapod.sims.real_machine.wake_up import wake_ups as wakings
 _PERIOD = 0.002  # [s]
 # Later wake-ups than this are reported: they are not the scheduler's usual ones [s].
 _LATE = 0.001
+# Wake-ups from one look at what the host took to the next; its column in /proc/stat, and the
+# kernel's unit of it [s].
+_LOOK, _STEAL, _TICK = 5, 8, 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 class WakeUps:
@@ -30,11 +35,14 @@ class WakeUps:
     Attributes:
         late: begin and end of each time in which a core woke no program, by the monotonic clock
             [s], (n, 2).
+        taken: instant of a look, and time for which the host had taken a core since the look
+            before [s], (n, 2); the kernel counts it in hundredths of a second.
         is_judge: true if all of them had the priority that makes them a yardstick.
     """
 
     def __init__(self) -> None:
         self.late: NDArray[np.float64] = np.empty((0, 2))
+        self.taken: NDArray[np.float64] = np.empty((0, 2))
         self.is_judge = False
 
     @property
@@ -53,6 +61,18 @@ class WakeUps:
         overlap = np.minimum(end, instants) - np.maximum(begin, instants - span)
         return np.sum(np.maximum(overlap, 0.0), axis=0)
 
+    def taken_before(self, instants: NDArray[np.float64], span: float) -> NDArray[np.float64]:
+        """Sum of the times for which the host took cores shortly before each instant [s], (m,).
+
+        Args:
+            instants: instants by the monotonic clock [s], (m,).
+            span: time before an instant that counts [s].
+        """
+        looks, taken = self.taken.T[:, :, None]
+        # What was taken up to an instant is seen at the look after it.
+        counts = (looks > instants - span) & (looks <= instants + _LOOK * _PERIOD)
+        return np.sum(taken * counts, axis=0)
+
 
 @contextmanager
 def wake_ups() -> Iterator[WakeUps]:
@@ -69,8 +89,13 @@ def wake_ups() -> Iterator[WakeUps]:
     finally:
         outputs = [program.communicate()[0].splitlines() for program in programs]
         counts.is_judge = all(lines[:1] == ["fifo"] for lines in outputs)
-        rows = [[float(word) for word in line.split()] for lines in outputs for line in lines[1:]]
-        counts.late = np.array(rows).reshape(-1, 2)
+        rows = [line.split() for lines in outputs for line in lines[1:]]
+        counts.late, counts.taken = (
+            np.array(
+                [[float(word) for word in words] for kind, *words in rows if kind == this]
+            ).reshape(-1, 2)
+            for this in ("late", "taken")
+        )
 
 
 def _wake_up(core: int) -> None:
@@ -82,14 +107,29 @@ def _wake_up(core: int) -> None:
     except OSError as error:
         print(error.strerror, flush=True)
     gc.disable()
-    rows: list[tuple[float, float]] = []
-    for due, now in wakings(_PERIOD):
-        if now - due > _LATE:
-            rows.append((due, now))
-        if select.select([sys.stdin], [], [], 0.0)[0]:
-            break
-    for begin, end in rows:
-        print(f"{begin:.6f} {end:.6f}")
+    late: list[tuple[float, float]] = []
+    taken: list[tuple[float, float]] = []
+    with open("/proc/stat", "rb", buffering=0) as file:
+        before = _taken(file, core)
+        for count, (due, now) in enumerate(wakings(_PERIOD)):
+            if now - due > _LATE:
+                late.append((due, now))
+            if count % _LOOK == 0 and (total := _taken(file, core)) > before:
+                taken.append((now, total - before))
+                before = total
+            if select.select([sys.stdin], [], [], 0.0)[0]:
+                break
+    for kind, rows in (("late", late), ("taken", taken)):
+        for one, other in rows:
+            print(f"{kind} {one:.6f} {other:.6f}")
+
+
+def _taken(file: FileIO, core: int) -> float:
+    """Time for which the host has taken a core away since the computer began [s]."""
+    file.seek(0)
+    name = b"cpu%d " % core
+    line = next(line for line in file.read().splitlines() if line.startswith(name))
+    return _TICK * int(line.split()[_STEAL])
 
 
 if __name__ == "__main__":
