@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 # LCM's ports for emulators: one for each folder of an emulator; and ROS 2's domains for them.
 _FIRST_PORT, _PORTS = 20_000, 20_000
 _FIRST_DOMAIN, _DOMAINS = 1, 100
+# Share of the messages that a part may send, that an emulator sends [-].
+_EMULATED = 0.5
 
 
 @dataclass
@@ -28,7 +30,7 @@ class _BusPart(Driver):
 
     Attributes:
         part: part of the machine.
-        rate_Hz: messages of its status a second, at most [Hz].
+        rate_Hz: messages of its status a second, at most; an emulator sends half as many [Hz].
         timeout_ms: age from which its newest message is too old [ms].
         key: key that has the address.
     """
@@ -70,7 +72,7 @@ class _BusPart(Driver):
 
         emulated(getattr(self, self.key), f"!{type(self).__name__}.{self.key}")
         return EmulatedBusPart(
-            *(self.part, self._address, harness, misbehaviour), rate=self.rate_Hz
+            *(self.part, self._address, harness, misbehaviour), rate=_EMULATED * self.rate_Hz
         )
 
 
