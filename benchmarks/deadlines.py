@@ -77,14 +77,14 @@ class Run(NamedTuple):
         """Times of its being late, or ended, and times before for which cores stood still, and for
         which the host took them [s]."""
         at = np.array([*self.timing.missed_at, *([self.at] if self.ended else [])])
-        before = self.wake_ups.before(at, _SPAN), self.wake_ups.taken_before(at, _SPAN)
+        before = self.wake_ups.before(at, _SPAN), self.wake_ups.steal_before(at, _SPAN)
         return list(zip(at - self.begun, *before, strict=True))
 
     @property
     def unexcused(self) -> int:
         """Number of times that it was late, or ended, although the computer was on time."""
         least = _EXCUSE * self.timing.period if self.wake_ups.is_judge else np.inf
-        return sum(max(lost, taken) < least for _, lost, taken in self.failures)
+        return sum(max(lost, steal) < least for _, lost, steal in self.failures)
 
 
 def run(console: Console) -> list[Measurement]:
@@ -189,10 +189,10 @@ def _tell(words: str, run: Run, console: Console) -> None:
     seconds = run.timing.ticks * run.timing.period
     ended = f"ended after {seconds:.0f} s: {run.ended}" if run.ended else "to its end"
     console.print(f"  {words}: {ended}", highlight=False)
-    for when, lost, taken in run.failures:
+    for when, lost, steal in run.failures:
         console.print(
             f"  {words}: late at {when:.2f} s; before, cores stood still for {1e3 * lost:.1f} ms, "
-            f"and the host took {1e3 * taken:.0f} ms",
+            f"and the host took {1e3 * steal:.0f} ms",
             highlight=False,
         )
 
@@ -211,7 +211,7 @@ def _judged(
         Measurement(f"{words}: deadlines missed", timing.missed, ""),
         Measurement(f"{words}: a loop with work alone would have missed", alone, ""),
         Measurement(f"{words}: a core stood still for", 1e3 * run.wake_ups.latest, "ms"),
-        Measurement(f"{words}: the host took cores for", run.wake_ups.taken[:, 1].sum(), "s"),
+        Measurement(f"{words}: the host took cores for", run.wake_ups.steal[:, 1].sum(), "s"),
         Measurement(f"{words}: late or ended, cores on time", run.unexcused, "", 0, None, True),
     ]
     for part, ages in run.ages.items():

@@ -35,14 +35,14 @@ class WakeUps:
     Attributes:
         late: begin and end of each time in which a core woke no program, by the monotonic clock
             [s], (n, 2).
-        taken: instant of a look, and time for which the host had taken a core since the look
+        steal: instant of a look, and time for which the host had taken a core since the look
             before [s], (n, 2); the kernel counts it in hundredths of a second.
         is_judge: true if all of them had the priority that makes them a yardstick.
     """
 
     def __init__(self) -> None:
         self.late: NDArray[np.float64] = np.empty((0, 2))
-        self.taken: NDArray[np.float64] = np.empty((0, 2))
+        self.steal: NDArray[np.float64] = np.empty((0, 2))
         self.is_judge = False
 
     @property
@@ -61,17 +61,17 @@ class WakeUps:
         overlap = np.minimum(end, instants) - np.maximum(begin, instants - span)
         return np.sum(np.maximum(overlap, 0.0), axis=0)
 
-    def taken_before(self, instants: NDArray[np.float64], span: float) -> NDArray[np.float64]:
+    def steal_before(self, instants: NDArray[np.float64], span: float) -> NDArray[np.float64]:
         """Sum of the times for which the host took cores shortly before each instant [s], (m,).
 
         Args:
             instants: instants by the monotonic clock [s], (m,).
             span: time before an instant that counts [s].
         """
-        looks, taken = self.taken.T[:, :, None]
+        looks, steal = self.steal.T[:, :, None]
         # What was taken up to an instant is seen at the look after it.
         counts = (looks > instants - span) & (looks <= instants + _LOOK * _PERIOD)
-        return np.sum(taken * counts, axis=0)
+        return np.sum(steal * counts, axis=0)
 
 
 @contextmanager
@@ -90,11 +90,11 @@ def wake_ups() -> Iterator[WakeUps]:
         outputs = [program.communicate()[0].splitlines() for program in programs]
         counts.is_judge = all(lines[:1] == ["fifo"] for lines in outputs)
         rows = [line.split() for lines in outputs for line in lines[1:]]
-        counts.late, counts.taken = (
+        counts.late, counts.steal = (
             np.array(
                 [[float(word) for word in words] for kind, *words in rows if kind == this]
             ).reshape(-1, 2)
-            for this in ("late", "taken")
+            for this in ("late", "steal")
         )
 
 
@@ -108,23 +108,23 @@ def _wake_up(core: int) -> None:
         print(error.strerror, flush=True)
     gc.disable()
     late: list[tuple[float, float]] = []
-    taken: list[tuple[float, float]] = []
+    steal: list[tuple[float, float]] = []
     with open("/proc/stat", "rb", buffering=0) as file:
-        before = _taken(file, core)
+        before = _steal(file, core)
         for count, (due, now) in enumerate(wakings(_PERIOD)):
             if now - due > _LATE:
                 late.append((due, now))
-            if count % _LOOK == 0 and (total := _taken(file, core)) > before:
-                taken.append((now, total - before))
+            if count % _LOOK == 0 and (total := _steal(file, core)) > before:
+                steal.append((now, total - before))
                 before = total
             if select.select([sys.stdin], [], [], 0.0)[0]:
                 break
-    for kind, rows in (("late", late), ("taken", taken)):
+    for kind, rows in (("late", late), ("steal", steal)):
         for one, other in rows:
             print(f"{kind} {one:.6f} {other:.6f}")
 
 
-def _taken(file: FileIO, core: int) -> float:
+def _steal(file: FileIO, core: int) -> float:
     """Time for which the host has taken a core away since the computer began [s]."""
     file.seek(0)
     name = b"cpu%d " % core
