@@ -119,9 +119,9 @@ class RealTimeLoop:
     """Advances a simulator by one period at each deadline of an absolute schedule.
 
     Tick k is due k periods after the beginning, whatever the ticks before have cost, unless the
-    schedule is to be shifted by a small part of a period after each. When a tick
-    comes so late that the next one is due as well, the schedule is moved: ticks are left out and
-    counted, and never run in a burst, because each would command a machine of the past.
+    schedule is to be shifted by a small part of a period after each. When a tick comes so late
+    that the next one is due as well, the schedule is moved: ticks are left out and counted, and
+    never run in a burst, because each would command a machine of the past.
 
     The loop ends with an error when a tick would begin, or has ended, 0.1 s too late, or when half
     of the deadlines of a second are missed, whether ticks took long or began late; whoever runs it

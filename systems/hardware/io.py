@@ -240,9 +240,9 @@ class DeviceThread:
         return self._taken_at + self.period - self._lead
 
     def _read_now(self) -> None:
-        now = self._clock()
-        if now >= self._read_at + _SOON * self.period:
-            self._due = now
+        due = max(self._clock(), self._read_at + _SOON * self.period)
+        if due < self._due:
+            self._due = due
             self._wake.set()
 
     def _read_before_taken(self) -> None:

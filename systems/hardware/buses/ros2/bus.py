@@ -244,6 +244,8 @@ class Ros2Bus(Bus):
             ParapodError: a shape that no marker draws.
         """
         self._latch("robot_description", "std_msgs/msg/String", urdf)
+        if not visuals:
+            return
         # It is not among the packages of ROS 2 on PyPI.
         has_transforms = find_spec("tf2_msgs") is not None
         self._scene = Scene(_made, self._serialized, visuals, has_transforms)

@@ -454,6 +454,13 @@ def test_a_machine_is_on_the_graph_as_markers_in_the_world(buses, graph):
     assert topics[f"/{graph.suffix}/robot_description"] == ["std_msgs/msg/String"]
 
 
+def test_a_machine_without_solids_is_described_and_never_watched(buses):
+    one, _ = buses
+    one.describe("<robot name='x'/>", {})
+    assert not one.is_watched
+    one.place({}, 1.0)
+
+
 def test_transforms_of_the_bodies_are_beside_the_markers():
     kind, library = "tf2_msgs/msg/TFMessage", pytest.importorskip("rosbags.typesys")
     store = library.get_typestore(library.Stores.ROS2_HUMBLE)
