@@ -3,10 +3,11 @@
 The platform's parts are also driven behind buses, for two minutes.
 
 No deadline is to be missed on an idle computer. Whether it was idle tell programs that only wake
-up, one a core, with a higher priority than the controller, and the kernel's count of the time for
-which a virtual machine's host took a core: a deadline that is missed while they wake up in time
-and the host takes nothing is ours. Neither sees cores that are slow: so a loop that only computes,
-for as long as the machine's ticks do, runs right afterwards, for comparison.
+up, one a core, with a higher priority than the controller: a deadline that is missed while they
+wake up in time as well is ours. They see neither what the host of a virtual machine takes while
+they wait nor cores that are slow: so the kernel's count of the one, and what a loop that only
+computes for as long as the machine's ticks do misses right afterwards, stand beside, and excuse
+nothing.
 """
 
 import math
@@ -84,7 +85,7 @@ class Run(NamedTuple):
     def unexcused(self) -> int:
         """Number of times that it was late, or ended, although the computer was on time."""
         least = _EXCUSE * self.timing.period if self.wake_ups.is_judge else np.inf
-        return sum(max(lost, steal) < least for _, lost, steal in self.failures)
+        return sum(lost < least for _, lost, _ in self.failures)
 
 
 def run(console: Console) -> list[Measurement]:
