@@ -52,7 +52,7 @@ class Phase:
 
     def _count(self, sends_every: float) -> int:
         """Messages in a period of the loop, a whole number; 0 for any other."""
-        ratio = self._period / sends_every
+        ratio = self._period / sends_every if sends_every > 0.0 else 0.0
         return round(ratio) if abs(ratio - round(ratio)) < _WHOLE * ratio else 0
 
     def shift(self, due: float) -> float:

@@ -33,6 +33,7 @@ def test_nothing_is_shifted_without_measurements_that_come_in_the_period_of_the_
     others = [
         thread(50.0, is_asked=True),
         thread(50.0, math.inf),
+        thread(50.0, 0.0),  # two came at one instant
         thread(50.003, 0.7 * PERIOD),
         thread(50.003, 3 * PERIOD),
         thread(50.0, error="silent"),
