@@ -5,7 +5,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from numpy.typing import ArrayLike
 from pydrake.geometry import Shape
@@ -178,11 +178,9 @@ class Bus(ABC):
         name: kind and address, as errors call it.
         address: address of the bus, which names the channels.
         draws: true if its tools draw machines by `describe` and `place`.
-        is_watched: true while somebody on it looks at the machine.
     """
 
-    draws = False
-    is_watched = False
+    draws: ClassVar[bool] = False
 
     name: str
 
@@ -263,6 +261,11 @@ class Bus(ABC):
             poses: position (3) [m] and quaternion (w, x, y, z) of each body in the world.
             time: time of the machine [s].
         """
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether somebody on the bus looks at the machine."""
+        return False
 
     @property
     def stop(self) -> str:

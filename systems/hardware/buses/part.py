@@ -83,11 +83,15 @@ class BusPart(Device):
         begin = monotonic()
         self._bus = connect(self._address)
         self._inbox = Inbox(self._status, self._measured, self._rate, self._timeout)
-        self._inbox.on_taken = self.on_measured
+        self._inbox.on_taken = self._came
         if self.measures:
             self._bus.subscribe(self._inbox)
             self._await(begin + self._patience)
         self.neutral()
+
+    def _came(self) -> None:
+        if self.on_measured is not None:
+            self.on_measured()
 
     def _await(self, end: float) -> None:
         assert self._bus is not None

@@ -255,7 +255,7 @@ class Ros2Bus(Bus):
             self._drawing[TRANSFORMS] = self._publisher(TRANSFORMS, "/tf", 100)
 
     @property
-    def is_watched(self) -> bool:  # type: ignore[override]
+    def is_watched(self) -> bool:
         """See `Bus`."""
         return any(each.get_subscription_count() for each in self._drawing.values())
 

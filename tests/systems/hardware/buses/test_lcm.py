@@ -221,3 +221,16 @@ def test_an_emulated_part_that_hears_nothing_becomes_neutral(lcm_url, kind):
         misbehaviour.begin(kind, time.monotonic())
         until(left)
         part.close()
+
+
+def test_a_part_tells_of_each_message_whoever_asks_for_that_and_when(lcm_url):
+    address, told = Address(LCM, lcm_url, "_TOLD"), []
+    harness = Harness({"legs.position": 1, "legs.voltage": 2}, {"legs.voltage": 0.0})
+    part = BusPart("legs", address, {"position": 1}, {"voltage": 2})
+    with EmulatedBusPart("legs", address, harness):
+        part.configure()
+        part.on_measured = lambda: told.append(part.read())
+        until(lambda: len(told) > 3)
+        part.close()
+    assert not part.is_asked
+    assert 0.0 < part.sends_every < math.inf
