@@ -184,6 +184,7 @@ def run_on_hardware(
         announce(running.timing)
         # Those of the beginning have grown old meanwhile.
         parts.await_measurements(_PATIENCE)
+        # The first tick follows those that come by themselves.
         sleep(-phase.late(monotonic()) % station.scenario.control.period)
         try:
             running.run(min(until, _FOREVER))
@@ -228,11 +229,7 @@ def end_by_guard(
     def check(now: float) -> None:
         nonlocal has_acted
         has_acted = has_acted or not all(
-            any(
-                np.array_equal(read(), np.full_like(read(), one), equal_nan=True)
-                for one in idle[name]
-            )
-            for name, read in commands.items()
+            _is_any(read(), idle[name]) for name, read in commands.items()
         )
         trip = guard.check(now, {name: read() for name, read in signals.items()})
         if trip is None:

@@ -18,7 +18,7 @@ from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import logged, punctuality_of, run_on_hardware
 from parapod.sims.real_machine.privileges import FIFO, privileges
 from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, undisturbed
-from parapod.systems.core.errors import MissingExtra, ScenarioError
+from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
 from parapod.systems.hardware.signals import ended_by_signals
@@ -170,7 +170,7 @@ class _Scene:
         self._bodies.poses()
         try:
             bus.describe(self._bodies.description(machine.name), self._bodies.visuals())
-        except MissingExtra as error:
+        except ParapodError as error:  # a machine that cannot be drawn is served all the same
             self._twin = None
             say(f"  is not drawn: {error}")
 

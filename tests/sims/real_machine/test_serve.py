@@ -13,7 +13,7 @@ from rich.console import Console
 from parapod.diagrams.machine import list_machines
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.serve import serve
-from parapod.systems.core.errors import MissingExtra, ScenarioError
+from parapod.systems.core.errors import MissingExtra, ParapodError, ScenarioError
 
 MACHINES = list_machines()
 
@@ -59,20 +59,26 @@ def test_every_machine_describes_itself_on_ros_2(machine, monkeypatch):
             assert math.isclose(np.linalg.norm(turn), 1.0, rel_tol=1e-9)
 
 
-def test_a_machine_without_what_draws_it_is_served_and_says_so(monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MissingExtra("visualization_msgs", "ros2", "not there"), "parapod[ros2]"),
+        (ParapodError("no marker draws a HalfSpace"), "no marker draws a HalfSpace"),
+    ],
+)
+def test_a_machine_that_cannot_be_drawn_is_served_and_says_so(monkeypatch, error, words):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from parapod.systems.hardware.buses.ros2.bus import Ros2Bus
 
     def refuse(*_):
-        raise MissingExtra("visualization_msgs", "ros2", "not there")
+        raise error
 
     monkeypatch.setattr(Ros2Bus, "describe", refuse)
     number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
     (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
     said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
     (line,) = [line for line in said.splitlines() if "is not drawn" in line]
-    assert "visualization_msgs" in line
-    assert "parapod[ros2]" in line
+    assert words in line
 
 
 def test_nobody_computes_a_picture_that_nobody_looks_at(monkeypatch):
