@@ -1,6 +1,7 @@
 """Deadlines of both machines on emulated devices, with a log: ten minutes idle, and beside others.
 
-The platform's parts are also driven behind buses, for two minutes.
+The platform's parts are also driven behind buses, for two minutes, and the platform is served on
+them, 1000 instants a second, to a controller in another program.
 
 No deadline is to be missed on an idle computer. Whether it was idle tell programs that only wake
 up, one a core, with a higher priority than the controller: a deadline that is missed while they
@@ -10,13 +11,14 @@ computes for as long as the machine's ticks do misses right afterwards, stand be
 nothing.
 """
 
+import io
 import math
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,12 +41,16 @@ from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.job import run_on_hardware
 from parapod.sims.real_machine.own_emulator import own_emulator
 from parapod.sims.real_machine.real_time import Timing
+from parapod.sims.real_machine.serve import serve
 from parapod.systems.core.errors import ParapodError
 from parapod.systems.hardware.buses.address import KINDS
 
 _IDLE, _BUSY, _BUS, _ALONE = 600.0, 60.0, 120.0, 120.0  # [s]
 # Age of a measurement when its command is written, of a part behind a bus: in 99 % [s].
 _AGE = 12e-3
+# A machine that is served to the examples [s].
+_SERVED, _SERVED_PERIOD = 20.0, 1e-3
+_EXAMPLES = Path(__file__).parents[1] / "examples" / "buses"
 _OTHERS = 4
 # A missed deadline is the computer's if cores stood still for this part of a period, added up [-],
 # within this time before it [s].
@@ -110,7 +116,8 @@ def run(console: Console) -> list[Measurement]:
 
 
 def buses(console: Console) -> list[Measurement]:
-    """Two minutes of the platform with all its parts behind a bus, of each kind."""
+    """Two minutes of the platform with all its parts behind a bus of each kind, and a third of one
+    of the platform served on it, idle and controlled."""
     results = []
     for kind in KINDS:
         scenario = _levelling(_BUS)
@@ -118,7 +125,37 @@ def buses(console: Console) -> list[Measurement]:
         one = driven(PLATFORM, scenario, "kinematic", _BUS, console, f"--{kind}")
         words = f"platform over {kind}, {_BUS:g} s idle"
         results += _judged(words, one, console, _AGE)
+        results += served(kind, is_controlled=False) + served(kind, is_controlled=True)
     return results
+
+
+def served(kind: str, is_controlled: bool) -> list[Measurement]:
+    """The kinematic platform on a bus, a thousand instants a second.
+
+    Args:
+        kind: one of `KINDS`.
+        is_controlled: an example answers each instant, in another program, which takes a core.
+    """
+    scenario = LevellingScenario(backend="kinematic")
+    scenario.control.period = _SERVED_PERIOD
+    text = io.StringIO()
+    with ExitStack() as stack:
+        if is_controlled:
+            stack.enter_context(_program(sys.executable, f"level_{kind}.py", folder=_EXAMPLES))
+        timing = serve(
+            *(PLATFORM, scenario, f"{kind}://", RunOptions(console=Console(file=text)), _SERVED)
+        )
+    cost = np.percentile(timing.cost, [50.0, 99.0])
+    words = f"served on {kind} at {1.0 / _SERVED_PERIOD:g} Hz"
+    words = f"{words}, {'controlled' if is_controlled else 'idle'}"
+    bound = None if is_controlled else 0.0
+    times = text.getvalue().count("legs is controlled")
+    return [
+        Measurement(f"{words}: deadlines missed", timing.missed, "", bound, None, True),
+        Measurement(f"{words}: median cost of a tick", 1e3 * cost[0], "ms"),
+        Measurement(f"{words}: cost of a tick in 99 %", 1e3 * cost[1], "ms"),
+        Measurement(f"{words}: taken over by a controller", times, "times", float(is_controlled)),
+    ]
 
 
 def _walking(duration: float) -> ChairScenario:
@@ -230,11 +267,18 @@ def _judged(
 @contextmanager
 def busy(count: int) -> Iterator[None]:
     """Number of other programs that compute meanwhile."""
-    command = [sys.executable, "-c", "while True: pass"]
-    processes = [subprocess.Popen(command) for _ in range(count)]
+    with ExitStack() as stack:
+        for _ in range(count):
+            stack.enter_context(_program(sys.executable, "-c", "while True: pass"))
+        yield
+
+
+@contextmanager
+def _program(*command: str, folder: Path | None = None) -> Iterator[None]:
+    """Another program meanwhile."""
+    process = subprocess.Popen(command, cwd=folder)
     try:
         yield
     finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+        process.kill()
+        process.wait()

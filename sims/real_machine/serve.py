@@ -62,7 +62,7 @@ def serve(
     usual = one.controller(one.scenario())
     bus = scenario.hardware.address(address, f"--{address.partition(':')[0]}")
     controller = bus_controller(one, period, bus, usual, patience=0.0)
-    loop = ClosedLoop(machine, scenario, controller=controller, sources=())
+    loop = ClosedLoop(machine, scenario, controller=controller, sources=(), log=())
     is_real = scenario.backend == "hardware"
 
     def say(text: str) -> None:
@@ -121,8 +121,6 @@ def introduce(
     station, rate = controller.station, 1.0 / period
     say(f"{title}, on {station.bus.name}, {rate:g} messages a second on a channel")
     for channel, sizes in station.published.items():
-        if not sizes:
-            continue
         say(f"  publishes {channel}: {_listed(sizes)}")
     for channel, layout in station.taken.items():
         others = "".join(f", or {kind}" for kind in station.bus.also(layout))

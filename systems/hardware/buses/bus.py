@@ -282,7 +282,7 @@ class Bus(ABC):
 
     @abstractmethod
     def channels(self) -> Sequence[str]:
-        """Channels on which others have published."""
+        """Channels on which others have published, at least since this was first asked."""
 
     @abstractmethod
     def _listen(self, channel: str) -> None:

@@ -1,8 +1,8 @@
 """A controller in another program, in the place of a machine's own."""
 
 import math
-from collections.abc import Mapping
-from itertools import chain
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, InputPort, State
@@ -17,7 +17,7 @@ from parapod.systems.hardware.buses.message import Layout, Message, Twist
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.clock import monotonic, sleep
 
-type Values = Mapping[str, tuple[float, ...]]
+type Values = Mapping[str, Sequence[float]]
 type Sizes = Mapping[str, int]
 
 # Parts on the bus beside those of the machine: the station as a whole, the controller, the job.
@@ -134,14 +134,22 @@ class BusController(LeafSystem):
 
     def _update(self, context: Context, state: State) -> None:
         discrete, present = state.get_mutable_discrete_state(), context.get_discrete_state()
-        values = {name: tuple(read(port, context)) for name, port in self._ports.items()}
+        values = {name: read(port, context) for name, port in self._ports.items()}
         for name in self._commands:
-            values[name] = tuple(present.get_vector(self._groups[name]).value())
+            values[name] = present.get_vector(self._groups[name]).value().tolist()
         self.station.publish(values, context.get_time())
         if self._patience:
             self.station.wait(self._patience)
         for name, latest in self.station.outputs().items():
             discrete.set_value(self._groups[name], np.array(latest))
+
+
+class _Channel(NamedTuple):
+    """A channel on which something is published, and the ports whose values are in it."""
+
+    name: str
+    layout: Layout
+    signals: Sequence[str]
 
 
 class ServedStation:
@@ -181,15 +189,25 @@ class ServedStation:
             )
             for part in names
         ]
-        self._devices, self._published = devices, monotonic()
-        # Those of the job first, so that the station's is the last of an instant.
-        self._others = {
-            bus.address.channels_of(JOB).status: Layout(job, units, JOB),
-            bus.address.channels_of(STATION).status: Layout(_COUNTS | devices, part=STATION),
-        }
-        for name, layout in self._others.items():
-            if layout.names:
-                bus.advertise(name, layout)
+        self._published = monotonic()
+        of_job = _Channel(bus.address.channels_of(JOB).status, Layout(job, units, JOB), tuple(job))
+        of_station = _Channel(
+            bus.address.channels_of(STATION).status,
+            Layout(_COUNTS | devices, part=STATION),
+            (*_COUNTS, *(f"{_DEVICES}{name}" for name in devices)),
+        )
+        others = [each for each in (of_job, of_station) if each.signals]
+        for each in others:
+            bus.advertise(each.name, each.layout)
+        # The station's is the last of an instant.
+        self._channels = [
+            *(
+                _Channel(p.status, p.layout, tuple(f"{p.part}.{n}" for n in p.layout.sizes))
+                for p in self.parts
+            ),
+            *others,
+        ]
+        self._stops = [n for n in measures if n.endswith(f".{EMERGENCY_STOP}")]
         channel = bus.address.channels_of(CONTROLLER).status
         self._signals = {
             name: Inbox(channel, Layout({name: size}), math.inf, math.inf)
@@ -202,10 +220,7 @@ class ServedStation:
     @property
     def published(self) -> dict[str, Sizes]:
         """Signals that are published, with their sizes, by channel."""
-        channels: dict[str, Sizes] = {part.status: part.sizes for part in self.parts}
-        for channel, layout in self._others.items():
-            channels[channel] = layout.sizes
-        return channels
+        return {channel.name: channel.layout.sizes for channel in self._channels}
 
     @property
     def taken(self) -> dict[str, Layout]:
@@ -221,17 +236,12 @@ class ServedStation:
             time: time of the instant [s].
         """
         self._published = monotonic()
-        for part in self.parts:
-            part.publish(_within(part.part, values), time)
         latched = sum(part.latched is not None for part in self.parts)
-        counts = {"neutral": self._neutral, "latched": (float(latched),)}
-        devices = {name: values[f"{_DEVICES}{name}"] for name in self._devices}
-        for channel, layout in self._others.items():
-            if layout.names:
-                packed = layout.pack({**values, **counts, **devices})
-                self.bus.publish(channel, Message(layout.names, packed, time))
-        pressed = (v for name, v in values.items() if name.endswith(f".{EMERGENCY_STOP}"))
-        self.bus.tell(time, any(value > 0.5 for value in chain.from_iterable(pressed)))
+        instant = {**values, "neutral": self._neutral, "latched": (float(latched),)}
+        for name, layout, signals in self._channels:
+            packed = [value for signal in signals for value in instant[signal]]
+            self.bus.publish(name, Message(layout.names, packed, time))
+        self.bus.tell(time, any(value > 0.5 for name in self._stops for value in values[name]))
 
     def wait(self, patience: float) -> None:
         """Waits for commands that came after the last instant, of the parts that have had some.
@@ -246,6 +256,8 @@ class ServedStation:
         if self._is_silent:
             patience = _PAUSE
         end = since + (patience if self._has_heard else _BEGINNING)
+        if not self._has_heard:
+            self.bus.channels()  # LCM notes from here on what comes
         while monotonic() < end:
             newest = [inbox.newest for inbox in inboxes if inbox.newest is not None]
             if newest and all(each.arrived >= since for each in newest):

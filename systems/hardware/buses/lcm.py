@@ -4,6 +4,7 @@ import struct
 import threading
 from collections.abc import Sequence
 from functools import cache, lru_cache, partial
+from time import sleep
 
 from parapod.systems.core.quoting import quoted
 from parapod.systems.hardware.buses.address import LCM, Address
@@ -56,9 +57,7 @@ class LcmBus(Bus):
             words = f"LCM cannot be opened at {quoted(url)}"
             raise DeviceError(self.name, words, DeviceFault.UNPLUGGED)
         self._seen, self._own = set[str](), set[str]()
-        self._lock, self._over = threading.Lock(), threading.Event()
-        # Between looks Drake's client keeps one message of a subscription; this one is for names.
-        self._lcm.SubscribeAllChannels(self._see)
+        self._lock, self._over, self._notes = threading.Lock(), False, False
         self._thread = threading.Thread(target=self._receive, name=self.name, daemon=True)
         self._thread.start()
 
@@ -74,7 +73,12 @@ class LcmBus(Bus):
             self._sending.Publish(channel, data)
 
     def channels(self) -> Sequence[str]:
-        """See `Bus`."""
+        """See `Bus`: since this was first asked, as every message that comes is looked at then."""
+        with self._lock:
+            if not self._notes:
+                # Between looks Drake's client keeps one message of a subscription.
+                self._lcm.SubscribeAllChannels(self._see)
+            self._notes = True
         return sorted(self._seen - self._own)
 
     def _listen(self, channel: str) -> None:
@@ -84,11 +88,12 @@ class LcmBus(Bus):
 
     def _end(self) -> None:
         """See `Bus`."""
-        self._over.set()
+        self._over = True
         self._thread.join()
 
     def _receive(self) -> None:
-        while not self._over.wait(_LOOK):
+        while not self._over:
+            sleep(_LOOK)
             with self._lock:
                 self._lcm.HandleSubscriptions(0)
 

@@ -96,6 +96,7 @@ class BusPart(Device):
     def _await(self, end: float) -> None:
         assert self._bus is not None
         assert self._inbox is not None
+        self._bus.channels()  # LCM notes from here on what comes
         while self._inbox.newest is None:
             if monotonic() > end:
                 bus, inbox = self._bus, self._inbox

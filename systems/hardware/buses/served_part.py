@@ -22,7 +22,7 @@ class ServedPart:
     Attributes:
         part: name of the part.
         status: channel of its status.
-        sizes: signals of its status, and their sizes.
+        layout: signals of its status.
         inbox: commands as they come.
         idle: commands while it is neutral.
         timeout: age from which the newest command is too old [s].
@@ -56,9 +56,8 @@ class ServedPart:
         """
         self.part, self._bus = part, bus
         self.status, command = bus.address.channels_of(part)
-        self._layout = Layout({**measures, **commands}, units, part, twists)
-        bus.advertise(self.status, self._layout)
-        self.sizes = self._layout.sizes
+        self.layout = Layout({**measures, **commands}, units, part, twists)
+        bus.advertise(self.status, self.layout)
         self.idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
         self.inbox = Inbox(command, Layout(commands, units, part, twists), math.inf, timeout)
         self.timeout = timeout
@@ -74,8 +73,8 @@ class ServedPart:
             signals: values of what it measures, and of what it is commanded.
             stamp: time of the measurements [s].
         """
-        values = self._layout.pack(signals)
-        self._bus.publish(self.status, Message(self._layout.names, values, stamp))
+        values = self.layout.pack(signals)
+        self._bus.publish(self.status, Message(self.layout.names, values, stamp))
 
     def commands(self, now: float) -> Signals:
         """The newest commands, or those of a neutral part where none count.

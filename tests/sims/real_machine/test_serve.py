@@ -1,5 +1,6 @@
 """Machines on a bus as `parapod serve` puts them there: channels, description, poses, errors."""
 
+import importlib
 import io
 import math
 import os
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import list_machines
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.serve import serve
@@ -92,6 +94,20 @@ def test_nobody_computes_a_picture_that_nobody_looks_at(monkeypatch):
     (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
     served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
     assert len(made) == 1  # what Drake makes at the first
+
+
+def test_a_machine_that_is_served_is_not_recorded(monkeypatch):
+    loops = []
+    module = importlib.import_module("parapod.sims.real_machine.serve")
+
+    def noted(*args, **options):
+        loops.append(ClosedLoop(*args, **options))
+        return loops[-1]
+
+    monkeypatch.setattr(module, "ClosedLoop", noted)
+
+    served(MACHINES[0], "lcm://memq://")
+    assert [loop.logs for loop in loops] == [{}]  # it may be served for days
 
 
 def test_a_machine_whose_scenario_names_a_controller_is_not_served():

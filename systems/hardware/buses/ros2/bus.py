@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from importlib.util import find_spec
+from time import sleep
 from typing import Any
 
 from parapod.systems.core.extras import need
@@ -115,7 +116,7 @@ class Ros2Bus(Bus):
         self._subscribe(self._stopping, "std_msgs/msg/Bool", self._latched)
         self._executor = need("rclpy.executors").SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._over = threading.Event()
+        self._over = False
         self._thread = threading.Thread(target=self._receive, name=self.name, daemon=True)
         self._thread.start()
 
@@ -148,7 +149,8 @@ class Ros2Bus(Bus):
 
     def _receive(self) -> None:
         looks = itertools.count()
-        while not self._over.wait(_LOOK):
+        while not self._over:
+            sleep(_LOOK)
             for channel, (kind, subscription) in list(self._subscriptions.items()):
                 while True:
                     with subscription.handle:
@@ -261,8 +263,8 @@ class Ros2Bus(Bus):
 
     def _latch(self, topic: str, kind: str, data: object) -> None:
         """Publishes what late subscribers get as well, where it has changed."""
-        publisher = self._publisher(kind, f"{self._root}/{topic}", self._latched)
         if data != self._latches.get(topic):
+            publisher = self._publisher(kind, f"{self._root}/{topic}", self._latched)
             publisher.publish(_message_type(kind)(data=data))
             self._latches[topic] = data
 
@@ -342,7 +344,7 @@ class Ros2Bus(Bus):
 
     def _end(self) -> None:
         """See `Bus`."""
-        self._over.set()
+        self._over = True
         self._thread.join()
         with suppress(Exception):
             self._executor.shutdown()
