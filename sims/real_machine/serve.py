@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from parapod.diagrams.bus_controller import bus_controller
@@ -20,6 +22,7 @@ from parapod.sims.real_machine.privileges import FIFO, privileges
 from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, undisturbed
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import read
+from parapod.systems.hardware.buses.bus import Bus
 from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
 from parapod.systems.hardware.signals import ended_by_signals
 
@@ -77,6 +80,7 @@ def serve(
         what = f"{machine.experiment} on {controller.station.bus.name}"
         introduce(controller, f"{machine.title}, {scenario.backend}", period, say)
         news, scene = _News(controller, say), _Scene(one, scenario, controller, say)
+        stack.callback(scene.close)
         if is_real:
 
             def look(root: Context) -> bool:
@@ -132,7 +136,10 @@ def _listed(sizes: Sizes) -> str:
 
 
 class _Scene:
-    """Shows the machine to the tools of its bus, where that has some: poses of its links."""
+    """Shows the machine to the tools of its bus, where that has some: poses of its links.
+
+    A thread of its own calculates them: no tick waits for a picture.
+    """
 
     def __init__(
         self,
@@ -141,7 +148,9 @@ class _Scene:
         controller: BusController,
         say: Callable[[str], None],
     ):
-        self._controller, self._next = controller, 0.0
+        self._controller, self._next, self._say = controller, 0.0, say
+        self._artist = ThreadPoolExecutor(1, "scene")
+        self._picture: Future[None] | None = None
         self._twin: Any = None
         bus, kind = controller.station.bus, machine.view.twin
         if not bus.draws or kind is None:
@@ -177,13 +186,34 @@ class _Scene:
         time, bus = root.get_time(), self._controller.station.bus
         if self._twin is None or time < self._next - _ROUNDING or not bus.is_watched:
             return
+        if self._picture is not None and not self._picture.done():
+            return
+        if not self._has_succeeded():
+            self._twin = None
+            return
         self._next = time + _PICTURE
         context = self._controller.GetMyContextFromRoot(root)
         values = {n: np.array(read(p, context)) for n, p in self._ports.items()}
-        if not all(np.isfinite(values[name]).all() for name in self._needed):
-            return
-        self._twin.show({n: v for n, v in values.items() if np.isfinite(v).all()}, time)
+        if all(np.isfinite(values[name]).all() for name in self._needed):
+            signals = {n: v for n, v in values.items() if np.isfinite(v).all()}
+            self._picture = self._artist.submit(self._draw, bus, signals, time)
+
+    def _draw(self, bus: Bus, values: dict[str, NDArray[np.float64]], time: float) -> None:
+        self._twin.show(values, time)
         bus.place(self._bodies.poses(), time)
+
+    def _has_succeeded(self) -> bool:
+        """Whether the last picture was drawn; says why not."""
+        picture, self._picture = self._picture, None
+        error = picture.exception() if picture is not None else None
+        if error is not None:
+            self._say(f"is not drawn any more: {error}")
+        return error is None
+
+    def close(self) -> None:
+        """Ends the thread, after the picture that it draws."""
+        self._artist.shutdown()
+        self._has_succeeded()
 
 
 class _News:

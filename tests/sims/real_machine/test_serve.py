@@ -4,6 +4,7 @@ import importlib
 import io
 import math
 import os
+import threading
 import time
 from zlib import crc32
 
@@ -94,6 +95,28 @@ def test_nobody_computes_a_picture_that_nobody_looks_at(monkeypatch):
     (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
     served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
     assert len(made) == 1  # what Drake makes at the first
+
+
+@pytest.mark.parametrize("error", [None, ParapodError("no pose")])
+def test_no_tick_waits_for_a_picture_or_ends_with_it(monkeypatch, error):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from parapod.systems.hardware.buses.ros2.bus import Ros2Bus
+
+    threads = []
+
+    def place(*_):
+        threads.append(threading.current_thread())
+        if error is not None:
+            raise error
+
+    monkeypatch.setattr(Ros2Bus, "is_watched", True)
+    monkeypatch.setattr(Ros2Bus, "place", place)
+    number = crc32(f"{os.getpid()} {time.time_ns()}".encode())
+    (machine,) = [one for one in MACHINES if one.name == "any_mechanism"]
+    said = served(machine, f"ros2://{1 + number % 100}#test_{number:08x}")
+    assert threads
+    assert threading.main_thread() not in threads
+    assert ("is not drawn any more: no pose" in said) == (error is not None)
 
 
 def test_a_machine_that_is_served_is_not_recorded(monkeypatch):
