@@ -8,6 +8,7 @@ from pydrake.systems.framework import System
 from parapod.diagrams.wiring import outputs_of
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.controller import BusController
+from parapod.systems.hardware.buses.message import Signal
 
 # Longest wait for commands at an instant of a simulation, before its parts are neutral [s]: a
 # simulation waits for a controller on a busy computer.
@@ -32,22 +33,23 @@ def bus_controller(
         sources: sources of commands beside it.
         patience: see `BusController` [s].
     """
-    job = {name: port.size() for each in sources for name, port in outputs_of(each).items()}
-    commands = {port.name: port for port in machine.inputs if port.name not in job}
-    own = {} if usual is None else outputs_of(usual)
+    table = machine.table
+    signals = {n: Signal(p.size, p.unit, p.neutral, p.twist) for n, p in table.items()}
+
+    def outputs(systems: Sequence[System]) -> dict[str, Signal]:
+        ports = {name: port for each in systems for name, port in outputs_of(each).items()}
+        return {
+            name: signals.get(name, Signal(0))._replace(size=port.size())
+            for name, port in ports.items()
+        }
+
+    job, own = outputs(sources), outputs(() if usual is None else [usual])
     return BusController(
         address,
-        {port.name: port.size for port in machine.outputs},
-        {name: port.size for name, port in commands.items()},
-        {name: port.neutral for name, port in commands.items()},
+        {port.name: signals[port.name] for port in machine.outputs},
+        {port.name: signals[port.name] for port in machine.inputs if port.name not in job},
         job,
-        {
-            name: port.size()
-            for name, port in own.items()
-            if name not in machine.table or machine.table[name].direction != "in"
-        },
+        {n: each for n, each in own.items() if n not in table or table[n].direction != "in"},
         period,
-        units={name: port.unit for name, port in machine.table.items()},
-        twists={name: port.twist for name, port in machine.table.items() if port.twist},
         patience=patience,
     )

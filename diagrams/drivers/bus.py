@@ -12,6 +12,7 @@ from parapod.systems.core.quoting import quoted
 from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.buses.address import LCM, ROS2, Address, address_of
+from parapod.systems.hardware.buses.message import Signal
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -55,9 +56,12 @@ class _BusPart(Driver):
         """See `Driver`."""
         from parapod.systems.hardware.buses.part import BusPart
 
+        measures, commands = (
+            {name: Signal(size, ports.units.get(name, "")) for name, size in sizes.items()}
+            for sizes in (ports.measures, ports.commands)
+        )
         return BusPart(
-            *(self.part, self._address, ports.measures, ports.commands),
-            units=ports.units,
+            *(self.part, self._address, measures, commands),
             fail_safe=ports.switches,
             place=self._place,
             rate=self.rate_Hz,

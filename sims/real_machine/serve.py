@@ -23,7 +23,8 @@ from parapod.sims.real_machine.real_time import RealTimeLoop, Timing, rehearse, 
 from parapod.systems.core.errors import ParapodError, ScenarioError
 from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.bus import Bus
-from parapod.systems.hardware.buses.controller import CONTROLLER, BusController, Sizes
+from parapod.systems.hardware.buses.controller import CONTROLLER, BusController
+from parapod.systems.hardware.buses.message import Table
 from parapod.systems.hardware.signals import ended_by_signals
 
 # Longer than anybody serves a machine [s].
@@ -124,15 +125,15 @@ def introduce(
     """
     station, rate = controller.station, 1.0 / period
     say(f"{title}, on {station.bus.name}, {rate:g} messages a second on a channel")
-    for channel, sizes in station.published.items():
-        say(f"  publishes {channel}: {_listed(sizes)}")
+    for channel, signals in station.published.items():
+        say(f"  publishes {channel}: {_listed(signals)}")
     for channel, layout in station.taken.items():
         others = "".join(f", or {kind}" for kind in station.bus.also(layout))
-        say(f"  takes {channel}: {_listed(layout.sizes)}, active{others}")
+        say(f"  takes {channel}: {_listed(layout.signals)}, active{others}")
 
 
-def _listed(sizes: Sizes) -> str:
-    return ", ".join(f"{name}[{size}]" if size > 1 else name for name, size in sizes.items())
+def _listed(signals: Table) -> str:
+    return ", ".join(f"{n}[{each.size}]" if each.size > 1 else n for n, each in signals.items())
 
 
 class _Scene:
@@ -188,7 +189,7 @@ class _Scene:
             return
         if self._picture is not None and not self._picture.done():
             return
-        if not self._has_succeeded():
+        if not self._finish():
             self._twin = None
             return
         self._next = time + _PICTURE
@@ -202,8 +203,8 @@ class _Scene:
         self._twin.show(values, time)
         bus.place(self._bodies.poses(), time)
 
-    def _has_succeeded(self) -> bool:
-        """Whether the last picture was drawn; says why not."""
+    def _finish(self) -> bool:
+        """Takes the outcome of the last picture: whether it was drawn; says why not."""
         picture, self._picture = self._picture, None
         error = picture.exception() if picture is not None else None
         if error is not None:
@@ -213,7 +214,7 @@ class _Scene:
     def close(self) -> None:
         """Ends the thread, after the picture that it draws."""
         self._artist.shutdown()
-        self._has_succeeded()
+        self._finish()
 
 
 class _News:
@@ -226,7 +227,7 @@ class _News:
     def tell(self, root: Context) -> None:
         """Tells what has changed since the last call."""
         for part in self._controller.station.parts:
-            if not part.inbox.layout.sizes:
+            if not part.inbox.layout.signals:
                 continue
             state = "is neutral"
             if part.latched is not None:

@@ -13,12 +13,11 @@ from parapod.systems.core.ports import read
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox
 from parapod.systems.hardware.buses.connection import connect as open_bus
-from parapod.systems.hardware.buses.message import Layout, Message, Twist
+from parapod.systems.hardware.buses.message import Layout, Message, Signal, Table
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.clock import monotonic, sleep
 
 type Values = Mapping[str, Sequence[float]]
-type Sizes = Mapping[str, int]
 
 # Parts on the bus beside those of the machine: the station as a whole, the controller, the job.
 STATION, CONTROLLER, JOB = "station", "controller", "job"
@@ -27,7 +26,7 @@ EMERGENCY_STOP = "emergency_stop"
 # Part of the machine's signals that tells how its devices are; it is told with the station.
 _DEVICES = "status."
 # Signals of the station as a whole: numbers of parts that are neutral, and latched.
-_COUNTS = {"neutral": 1, "latched": 1}
+_COUNTS = {"neutral": Signal(1), "latched": Signal(1)}
 # Longest wait for the first commands, and pause between two looks for some [s].
 _BEGINNING, _PAUSE = 2.0, 2e-4
 
@@ -60,15 +59,11 @@ class BusController(LeafSystem):
     def __init__(
         self,
         address: Address,
-        measures: Sizes,
-        commands: Sizes,
-        idle: Mapping[str, float],
-        job: Sizes | None = None,
-        signals: Sizes | None = None,
+        measures: Table,
+        commands: Table,
+        job: Table | None = None,
+        signals: Table | None = None,
         period: float = 0.01,
-        *,
-        units: Mapping[str, str] | None = None,
-        twists: Mapping[str, Twist] | None = None,
         timeout: float = 0.1,
         patience: float = 0.0,
     ):
@@ -76,38 +71,33 @@ class BusController(LeafSystem):
 
         Args:
             address: address of the bus.
-            measures: measurements of the machine, and their sizes.
-            commands: commands to the machine, and their sizes.
-            idle: value of each command while its part is neutral.
-            job: signals of the job that the controller may follow, and their sizes.
-            signals: further signals of the controller, and their sizes.
+            measures: measurements of the machine.
+            commands: commands to the machine.
+            job: signals of the job that the controller may follow.
+            signals: further signals of the controller.
             period: period of the controller [s].
-            units: units of signals, for buses that have messages of their own for some.
-            twists: see `Layout`, of the signals that have one.
             timeout: age from which commands are too old [s].
             patience: longest wait for commands at an instant, and age from which they are too
                 old where that is longer [s]; 0: none.
         """
         super().__init__()
         self.set_name("bus_controller")
-        self._patience, self._commands = patience, dict(commands)
+        self._patience, self._commands = patience, tuple(commands)
 
         def connect() -> ServedStation:
             return ServedStation(
-                *(open_bus(address), measures, commands, idle, job or {}, signals or {}),
-                units=units or {},
-                twists=twists or {},
+                *(open_bus(address), measures, commands, job or {}, signals or {}),
                 timeout=max(timeout, patience),
             )
 
         self._connect = connect
         self._station: ServedStation | None = None
         self._ports: dict[str, InputPort] = {
-            name: self.DeclareVectorInputPort(name, size)
-            for name, size in {**measures, **(job or {})}.items()
+            name: self.DeclareVectorInputPort(name, signal.size)
+            for name, signal in {**measures, **(job or {})}.items()
         }
-        first = {name: np.full(size, idle[name]) for name, size in commands.items()}
-        first |= {name: np.full(size, math.nan) for name, size in (signals or {}).items()}
+        first = {name: np.full(signal.size, signal.idle) for name, signal in commands.items()}
+        first |= {name: np.full(other.size, math.nan) for name, other in (signals or {}).items()}
         self._groups: dict[str, int] = {}
         for name, values in (first | {"neutral": np.zeros(1)}).items():
             group = self.DeclareDiscreteState(values)
@@ -163,37 +153,28 @@ class ServedStation:
     def __init__(
         self,
         bus: Bus,
-        measures: Sizes,
-        commands: Sizes,
-        idle: Mapping[str, float],
-        job: Sizes,
-        signals: Sizes,
-        *,
-        units: Mapping[str, str],
-        twists: Mapping[str, Twist],
+        measures: Table,
+        commands: Table,
+        job: Table,
+        signals: Table,
         timeout: float,
     ):
         """Opens the channels; see `BusController`."""
         self.bus = bus
-        own = {name: size for name, size in measures.items() if not name.startswith(_DEVICES)}
+        own = {name: each for name, each in measures.items() if not name.startswith(_DEVICES)}
         devices = {
-            name.removeprefix(_DEVICES): size for name, size in measures.items() if name not in own
+            name.removeprefix(_DEVICES): each for name, each in measures.items() if name not in own
         }
         names = dict.fromkeys(name.partition(".")[0] for name in (*own, *commands))
         self.parts = [
-            ServedPart(
-                *(part, bus, _within(part, own), _within(part, commands), _within(part, idle)),
-                units=_within(part, units),
-                twists=_within(part, twists),
-                timeout=timeout,
-            )
+            ServedPart(part, bus, _within(part, own), _within(part, commands), timeout)
             for part in names
         ]
         self._published = monotonic()
-        of_job = _Channel(bus.address.channels_of(JOB).status, Layout(job, units, JOB), tuple(job))
+        of_job = _Channel(bus.address.channels_of(JOB).status, Layout(job, JOB), tuple(job))
         of_station = _Channel(
             bus.address.channels_of(STATION).status,
-            Layout(_COUNTS | devices, part=STATION),
+            Layout(_COUNTS | devices, STATION),
             (*_COUNTS, *(f"{_DEVICES}{name}" for name in devices)),
         )
         others = [each for each in (of_job, of_station) if each.signals]
@@ -202,7 +183,7 @@ class ServedStation:
         # The station's is the last of an instant.
         self._channels = [
             *(
-                _Channel(p.status, p.layout, tuple(f"{p.part}.{n}" for n in p.layout.sizes))
+                _Channel(p.status, p.layout, tuple(f"{p.part}.{n}" for n in p.layout.signals))
                 for p in self.parts
             ),
             *others,
@@ -210,23 +191,23 @@ class ServedStation:
         self._stops = [n for n in measures if n.endswith(f".{EMERGENCY_STOP}")]
         channel = bus.address.channels_of(CONTROLLER).status
         self._signals = {
-            name: Inbox(channel, Layout({name: size}), math.inf, math.inf)
-            for name, size in signals.items()
+            name: Inbox(channel, Layout({name: signal}), math.inf, math.inf)
+            for name, signal in signals.items()
         }
         for inbox in self._signals.values():
             bus.subscribe(inbox)
         self._has_heard = self._is_silent = False
 
     @property
-    def published(self) -> dict[str, Sizes]:
-        """Signals that are published, with their sizes, by channel."""
-        return {channel.name: channel.layout.sizes for channel in self._channels}
+    def published(self) -> dict[str, Table]:
+        """Signals that are published, by channel."""
+        return {channel.name: channel.layout.signals for channel in self._channels}
 
     @property
     def taken(self) -> dict[str, Layout]:
         """Commands that are taken, by channel."""
         inboxes = [part.inbox for part in self.parts]
-        return {inbox.channel: inbox.layout for inbox in inboxes if inbox.layout.sizes}
+        return {inbox.channel: inbox.layout for inbox in inboxes if inbox.layout.signals}
 
     def publish(self, values: Values, time: float) -> None:
         """Publishes an instant.
@@ -268,7 +249,7 @@ class ServedStation:
         if not self._has_heard:
             there = ", ".join(self.bus.channels()) or "no channel"
             wrong = [
-                p.words for p in (i.problem(monotonic()) for i in inboxes if i.layout.sizes) if p
+                p.words for p in (i.problem(monotonic()) for i in inboxes if i.layout.signals) if p
             ]
             raise ParapodError(
                 f"no commands in {_BEGINNING:g} s: {'; '.join(wrong)}; others publish {there} on "
@@ -289,10 +270,10 @@ class ServedStation:
     @property
     def _neutral(self) -> tuple[float]:
         """Number of parts that are neutral, of those that take commands."""
-        return (float(sum(part.is_neutral for part in self.parts if part.inbox.layout.sizes)),)
+        return (float(sum(part.is_neutral for part in self.parts if part.inbox.layout.signals)),)
 
 
-def _within[V](part: str, named: Mapping[str, V]) -> dict[str, V]:
-    """Things of a part, by their names within it."""
+def _within(part: str, signals: Table) -> Table:
+    """Signals of a part, by their names within it."""
     start = f"{part}."
-    return {n.removeprefix(start): value for n, value in named.items() if n.startswith(start)}
+    return {n.removeprefix(start): each for n, each in signals.items() if n.startswith(start)}

@@ -6,7 +6,7 @@ from typing import Self
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus
 from parapod.systems.hardware.buses.connection import connect
-from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.message import Layout, Message, Signal
 from parapod.systems.hardware.buses.served_part import ServedPart
 from parapod.systems.hardware.clock import monotonic, wait_until
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
@@ -46,9 +46,10 @@ class EmulatedBusPart:
         self.part, self._address, self._rate = part, address, rate
         self._harness, self._misbehaviour = harness, misbehaviour or Misbehaviour()
         signals = harness.signals_of(part)
-        self._idle = {n: idle for n, (_, idle) in signals.items() if idle is not None}
-        self._measures = {n: size for n, (size, idle) in signals.items() if idle is None}
-        self._commands = {n: signals[n][0] for n in self._idle}
+        self._measures = {n: Signal(size) for n, (size, idle) in signals.items() if idle is None}
+        self._commands = {
+            n: Signal(size, idle=idle) for n, (size, idle) in signals.items() if idle is not None
+        }
         self._measured = Layout(self._measures)
         self._over = threading.Event()
         self._bus: Bus | None = None
@@ -57,7 +58,7 @@ class EmulatedBusPart:
     def __enter__(self) -> Self:
         self._over.clear()
         self._bus = connect(self._address, "emulator")
-        served = ServedPart(self.part, self._bus, self._measures, self._commands, self._idle)
+        served = ServedPart(self.part, self._bus, self._measures, self._commands)
         self._thread = threading.Thread(target=self._run, args=(served,), daemon=True)
         self._thread.start()
         return self
@@ -90,9 +91,9 @@ class EmulatedBusPart:
         measured = {n: self._harness.get(f"{self.part}.{n}") for n in self._measures}
         values = self._misbehaviour.shown(self._measured.pack(measured), now)
         start = 0
-        for name, size in self._measures.items():
-            measured[name] = values[start : start + size]
-            start += size
+        for name, signal in self._measures.items():
+            measured[name] = values[start : start + signal.size]
+            start += signal.size
         commanded = {n: self._harness.get(f"{self.part}.{n}") for n in self._commands}
         if self._misbehaviour.is_garbled and self._bus is not None:
             names = [f"?{name}" for name in self._measured.names]

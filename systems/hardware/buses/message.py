@@ -13,6 +13,26 @@ ACTIVE = "active"
 type Twist = Sequence[Sequence[float]]
 
 
+class Signal(NamedTuple):
+    """A signal of a part, as the part's messages have it.
+
+    Attributes:
+        size: number of elements.
+        unit: its unit, as its port declares it; "" where that is not known.
+        idle: value of each element of a command while the part is neutral.
+        twist: values (size, 2) by forward speed [m/s] and yaw rate [rad/s] of the machine, of a
+            signal that follows from them; empty: it does not.
+    """
+
+    size: int
+    unit: str = ""
+    idle: float = 0.0
+    twist: Twist = ()
+
+
+type Table = Mapping[str, Signal]
+
+
 class Message(NamedTuple):
     """Names and values, as they come over a bus.
 
@@ -32,45 +52,31 @@ class WrongMessage(ParapodError):
 
 
 class Layout:
-    """Signals of a part with their sizes, as names in messages.
+    """Signals of a part, as names in messages.
 
     Attributes:
         part: name of the part.
-        sizes: number of elements of each signal.
-        units: unit of each signal, as its port declares it; "" where that is not known.
-        twists: values (n, 2) of signals by forward speed [m/s] and yaw rate [rad/s] of the
-            machine; of those that follow from them.
+        signals: its signals, by their names within the part.
         names: names of all elements, in order.
     """
 
-    def __init__(
-        self,
-        sizes: Mapping[str, int],
-        units: Mapping[str, str] | None = None,
-        part: str = "",
-        twists: Mapping[str, Twist] | None = None,
-    ):
+    def __init__(self, signals: Table, part: str = ""):
         """Names the elements.
 
         Args:
-            sizes: number of elements of each signal, by its name within the part.
-            units: units of signals.
+            signals: signals of the part, by their names within it.
             part: name of the part.
-            twists: see above; those of other signals do not count.
         """
-        self.part = part
-        self.sizes = dict(sizes)
-        self.units = {name: (units or {}).get(name, "") for name in self.sizes}
-        self.twists = {n: twist for n, twist in (twists or {}).items() if n in self.sizes}
+        self.part, self.signals = part, dict(signals)
         self.names = tuple(
-            f"{signal}[{i}]" if size > 1 else signal
-            for signal, size in self.sizes.items()
-            for i in range(size)
+            f"{name}[{i}]" if signal.size > 1 else name
+            for name, signal in self.signals.items()
+            for i in range(signal.size)
         )
 
     def pack(self, signals: Mapping[str, Sequence[float]]) -> list[float]:
         """Values of all elements, in the order of `names`."""
-        return [float(value) for signal in self.sizes for value in signals[signal]]
+        return [float(value) for name in self.signals for value in signals[name]]
 
     def unpack(self, message: Message) -> dict[str, tuple[float, ...]]:
         """Signals of a message, which may have further ones and another order.
@@ -92,9 +98,9 @@ class Layout:
             if not math.isfinite(value):
                 raise WrongMessage(f"has {value} for {name}")
         signals, start = {}, 0
-        for signal, size in self.sizes.items():
-            signals[signal] = tuple(values[start : start + size])
-            start += size
+        for name, signal in self.signals.items():
+            signals[name] = tuple(values[start : start + signal.size])
+            start += signal.size
         return signals
 
 

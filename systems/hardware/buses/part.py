@@ -1,13 +1,13 @@
 """A part of a machine that another program serves on a bus."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 from parapod.systems.core.switching import switched
 from parapod.systems.hardware.buses.address import Address
 from parapod.systems.hardware.buses.bus import Bus, Inbox
 from parapod.systems.hardware.buses.connection import connect
-from parapod.systems.hardware.buses.message import ACTIVE, Layout, Message
+from parapod.systems.hardware.buses.message import ACTIVE, Layout, Message, Table
 from parapod.systems.hardware.clock import monotonic, sleep
 from parapod.systems.hardware.device import Device, DeviceError, DeviceFault, Signals
 
@@ -34,10 +34,9 @@ class BusPart(Device):
         self,
         part: str,
         address: Address,
-        measures: Mapping[str, int],
-        commands: Mapping[str, int],
+        measures: Table,
+        commands: Table,
         *,
-        units: Mapping[str, str] | None = None,
         fail_safe: Collection[str] = (),
         place: str = "",
         rate: float = 100.0,
@@ -49,16 +48,16 @@ class BusPart(Device):
         Args:
             part: name of the part.
             address: address of the bus.
-            measures: signals that it measures, and their sizes.
-            commands: signals that it takes, and their sizes.
-            units: units of the signals, by which standard messages are known.
+            measures: signals that it measures.
+            commands: signals that it takes.
             fail_safe: those of the commands that are switches, see `Device`.
             place: address of the bus, for the lock against a second controller.
             rate: messages a second that it publishes, at most [Hz].
             timeout: age from which its newest message is too old [s].
             patience: time for which its first message is waited for [s].
         """
-        self.measures, self.commands = dict(measures), dict(commands)
+        self.measures = {name: signal.size for name, signal in measures.items()}
+        self.commands = {name: signal.size for name, signal in commands.items()}
         self.fail_safe = frozenset(fail_safe)
         self.is_asked = not measures
         self._status, self._command = address.channels_of(part)
@@ -66,7 +65,7 @@ class BusPart(Device):
         self.name = f"{part} on {self._status if measures else self._command}"
         self._part, self._address, self._rate = part, address, rate
         self._timeout, self._patience = timeout, patience
-        self._measured, self._commanded = Layout(self.measures, units, part), Layout(self.commands)
+        self._measured, self._commanded = Layout(measures, part), Layout(commands, part)
         self._names = (*self._commanded.names, ACTIVE)
         self._idle = [float(n.partition("[")[0] in self.fail_safe) for n in self._commanded.names]
         self._bus: Bus | None = None

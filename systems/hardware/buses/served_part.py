@@ -1,10 +1,9 @@
 """A part of a machine as it serves itself on a bus: it publishes its status and takes commands."""
 
 import math
-from collections.abc import Mapping
 
 from parapod.systems.hardware.buses.bus import Bus, Inbox, Problem
-from parapod.systems.hardware.buses.message import Layout, Message, Twist, is_active
+from parapod.systems.hardware.buses.message import Layout, Message, Table, is_active
 from parapod.systems.hardware.device import DeviceFault, Signals
 
 # Silence of a controller that has given the part up, by the longest admissible one [-].
@@ -34,12 +33,8 @@ class ServedPart:
         self,
         part: str,
         bus: Bus,
-        measures: Mapping[str, int],
-        commands: Mapping[str, int],
-        idle: Mapping[str, float],
-        *,
-        units: Mapping[str, str] | None = None,
-        twists: Mapping[str, Twist] | None = None,
+        measures: Table,
+        commands: Table,
         timeout: float = 0.1,
     ):
         """Opens its channels.
@@ -47,19 +42,16 @@ class ServedPart:
         Args:
             part: name of the part.
             bus: the bus.
-            measures: signals that it measures, and their sizes.
-            commands: signals that it takes, and their sizes.
-            idle: value of each command while the part is neutral.
-            units: units of signals, for buses that have messages of their own for some.
-            twists: see `Layout`.
+            measures: signals that it measures.
+            commands: signals that it takes.
             timeout: age from which the newest command is too old [s].
         """
         self.part, self._bus = part, bus
         self.status, command = bus.address.channels_of(part)
-        self.layout = Layout({**measures, **commands}, units, part, twists)
+        self.layout = Layout({**measures, **commands}, part)
         bus.advertise(self.status, self.layout)
-        self.idle = {signal: (idle[signal],) * size for signal, size in commands.items()}
-        self.inbox = Inbox(command, Layout(commands, units, part, twists), math.inf, timeout)
+        self.idle = {name: (signal.idle,) * signal.size for name, signal in commands.items()}
+        self.inbox = Inbox(command, Layout(commands, part), math.inf, timeout)
         self.timeout = timeout
         self.latched: Problem | None = None
         self.is_neutral, self._has_begun = True, False

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from parapod.systems.core.units import units_of
-from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+from parapod.systems.hardware.buses.message import Layout, Message, Signal, Twist, WrongMessage
 
 ARRAY = "std_msgs/msg/Float64MultiArray"
 """Type of a part's own messages."""
@@ -56,15 +56,15 @@ def standard(layout: Layout) -> dict[str, dict[str, str]]:
     for kind, fields in _FIELDS.items():
         signals: dict[str, str] = {}
         for field, units in fields.items():
-            size = layout.sizes.get(next(iter(signals.values()), ""))
-            for name, own in layout.sizes.items():
-                fits = own == (3 if kind != JOINTS else size or own)
-                if fits and own and not name.endswith("_command") and _has(layout, name, units):
+            first = layout.signals.get(next(iter(signals.values()), ""))
+            for name, own in layout.signals.items():
+                fits = own.size == (3 if kind != JOINTS else first.size if first else own.size)
+                if fits and own.size and not name.endswith("_command") and _has(own, units):
                     signals[field] = name
                     break
         if len(signals) == len(fields) or (kind == JOINTS and "position" in signals):
             fitting[kind] = signals
-    driven = [name for name in layout.twists if not name.endswith("_command")]
+    driven = [name for name in _followed(layout) if not name.endswith("_command")]
     if driven:
         fitting[DRIVEN] = {"twist": driven[0]}
     return fitting
@@ -76,15 +76,19 @@ def admissible(layout: Layout) -> set[str]:
     Args:
         layout: signals of the part, with their units and what follows from a twist.
     """
-    others = (layout.units[name] for name in layout.sizes if name not in layout.twists)
-    is_driven = bool(layout.twists) and all(unit == _SWITCH for unit in others)
+    others = (signal.unit for signal in layout.signals.values() if not signal.twist)
+    is_driven = bool(_followed(layout)) and all(unit == _SWITCH for unit in others)
     twists = {TWIST, STAMPED} if is_driven else set()
     return {ARRAY} | (standard(layout).keys() - {DRIVEN}) | twists
 
 
-def _has(layout: Layout, name: str, units: set[str]) -> bool:
-    unit = layout.units[name]
-    return bool(unit) and set(units_of(unit, layout.sizes[name])) <= units
+def _has(signal: Signal, units: set[str]) -> bool:
+    return bool(signal.unit) and set(units_of(signal.unit, signal.size)) <= units
+
+
+def _followed(layout: Layout) -> dict[str, Twist]:
+    """Signals that follow from a twist."""
+    return {name: signal.twist for name, signal in layout.signals.items() if signal.twist}
 
 
 def joint_names(part: str, size: int) -> list[str]:
@@ -113,7 +117,7 @@ def fill(
         numbers = values[name]
         if kind == DRIVEN:
             twist = message.twist.twist
-            speed, rate = np.linalg.lstsq(np.array(layout.twists[name]), numbers)[0]
+            speed, rate = np.linalg.lstsq(np.array(layout.signals[name].twist), numbers)[0]
             twist.linear.x, twist.angular.z = float(speed), float(rate)
         elif kind == JOINTS:
             setattr(message, field, array("d", numbers))
@@ -150,7 +154,7 @@ def values_of(kind: str, message: Any, layout: Layout) -> Message:
     names: list[str] = []
     values: list[float] = []
     for field, name in standard(layout).get(kind, {}).items():
-        size = layout.sizes[name]
+        size = layout.signals[name].size
         numbers = _field(kind, message, field, joint_names(layout.part, size))
         names += [f"{name}[{i}]" if size > 1 else name for i in range(len(numbers))]
         values += numbers
@@ -164,8 +168,8 @@ def _driven(twist: Any, layout: Layout, time: float) -> Message:
     for (of, axis), value in parts.items():
         if value != 0.0:
             raise WrongMessage(f"has {value:g} for {of}.{axis}, and {layout.part} cannot follow")
-    signals = {name: (0.0,) * size for name, size in layout.sizes.items()}
-    for name, steering in layout.twists.items():
+    signals = {name: (0.0,) * signal.size for name, signal in layout.signals.items()}
+    for name, steering in _followed(layout).items():
         signals[name] = tuple(forward * speed + yaw * rate for forward, yaw in steering)
     return Message(layout.names, layout.pack(signals), time)
 

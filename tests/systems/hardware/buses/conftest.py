@@ -8,7 +8,7 @@ import pytest
 from parapod.systems.hardware.buses.address import LCM, Address
 from parapod.systems.hardware.buses.bus import Inbox
 from parapod.systems.hardware.buses.lcm import LcmBus
-from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.message import Layout, Message, Signal
 
 _PATIENCE = 5.0
 
@@ -28,7 +28,7 @@ def lcm_url():
         free.bind(("", 0))
         url = f"udpm://239.255.76.67:{free.getsockname()[1]}?ttl=0"
     one, other = LcmBus(Address(LCM, url)), LcmBus(Address(LCM, url))
-    inbox = Inbox("HELLO", Layout({"word": 1}), 1e9, 1.0)
+    inbox = Inbox("HELLO", Layout({"word": Signal(1)}), 1e9, 1.0)
     one.subscribe(inbox)
     end = time.monotonic() + _PATIENCE
     while inbox.newest is None and time.monotonic() < end:

@@ -5,10 +5,10 @@ import math
 import pytest
 
 from parapod.systems.hardware.buses.bus import Inbox
-from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage, is_active
+from parapod.systems.hardware.buses.message import Layout, Message, Signal, WrongMessage, is_active
 from parapod.systems.hardware.device import DeviceFault
 
-LAYOUT = Layout({"position": 2, "brake": 1})
+LAYOUT = Layout({"position": Signal(2), "brake": Signal(1)})
 PERIOD = 0.01
 
 

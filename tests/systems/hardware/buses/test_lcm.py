@@ -14,13 +14,13 @@ from parapod.systems.hardware.buses.bus import Inbox
 from parapod.systems.hardware.buses.connection import connect
 from parapod.systems.hardware.buses.emulated_part import EmulatedBusPart
 from parapod.systems.hardware.buses.lcm import USUAL, LcmBus, decoded, encoded, local
-from parapod.systems.hardware.buses.message import Layout, Message
+from parapod.systems.hardware.buses.message import Layout, Message, Signal
 from parapod.systems.hardware.buses.part import BusPart
 from parapod.systems.hardware.device import DeviceError, DeviceFault
 from parapod.systems.hardware.emulation.harness import Harness, Misbehaviour
 from tests.systems.hardware.buses.conftest import until
 
-LAYOUT = Layout({"position": 2})
+LAYOUT = Layout({"position": Signal(2)})
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ def test_a_part_that_nobody_serves_says_what_there_is(buses, lcm_url, monkeypatc
         return bus
 
     monkeypatch.setattr("parapod.systems.hardware.buses.part.connect", heard)
-    part = BusPart("legs", Address(LCM, lcm_url), {"position": 2}, {}, patience=0.1)
+    part = BusPart("legs", Address(LCM, lcm_url), {"position": Signal(2)}, {}, patience=0.1)
     with pytest.raises(DeviceError) as caught:
         part.configure()
     assert caught.value.fault is DeviceFault.UNPLUGGED
@@ -175,7 +175,7 @@ def test_parts_of_one_program_share_a_connection_until_the_last_is_closed(lcm_ur
     try:
         assert one is other
         assert apart is not one
-        inbox = Inbox("ARM_STATUS_SHARED", Layout({"position": 1}), math.inf, 60.0)
+        inbox = Inbox("ARM_STATUS_SHARED", Layout({"position": Signal(1)}), math.inf, 60.0)
         other.subscribe(inbox)
         one.close()
         message = Message(("position",), (2.0,), 1.0)
@@ -198,7 +198,8 @@ def test_an_emulated_part_that_hears_nothing_becomes_neutral(lcm_url, kind):
     harness = Harness(sizes, idle={"legs.voltage": 0.0, "legs.stop": 1.0})
     address, misbehaviour = Address(LCM, lcm_url, f"_{kind}"), Misbehaviour()
     part = BusPart(
-        "legs", address, {"position": 1}, {"voltage": 2, "stop": 1}, fail_safe=("stop",)
+        *("legs", address, {"position": Signal(1)}, {"voltage": Signal(2), "stop": Signal(1)}),
+        fail_safe=("stop",),
     )
     commands = {"voltage": (3.0, -3.0), "stop": (0.0,)}
     neutral = [(0.0, 0.0), (1.0,)]
@@ -226,7 +227,7 @@ def test_an_emulated_part_that_hears_nothing_becomes_neutral(lcm_url, kind):
 def test_a_part_tells_of_each_message_whoever_asks_for_that_and_when(lcm_url):
     address, told = Address(LCM, lcm_url, "_TOLD"), []
     harness = Harness({"legs.position": 1, "legs.voltage": 2}, {"legs.voltage": 0.0})
-    part = BusPart("legs", address, {"position": 1}, {"voltage": 2})
+    part = BusPart("legs", address, {"position": Signal(1)}, {"voltage": Signal(2)})
     with EmulatedBusPart("legs", address, harness):
         part.configure()
         part.on_measured = lambda: told.append(part.read())

@@ -17,7 +17,7 @@ from parapod.systems.core.errors import ScenarioError
 from parapod.systems.hardware.buses.address import ROS2, Address, address_of
 from parapod.systems.hardware.buses.bus import Inbox, Visual
 from parapod.systems.hardware.buses.connection import connect
-from parapod.systems.hardware.buses.message import Layout, Message, WrongMessage
+from parapod.systems.hardware.buses.message import Layout, Message, Signal, WrongMessage
 from parapod.systems.hardware.buses.ros2.arrays import decoded, encoded
 from parapod.systems.hardware.buses.ros2.messages import (
     ARRAY,
@@ -40,24 +40,25 @@ from parapod.systems.hardware.device import DeviceError, DeviceFault
 from tests.systems.hardware.buses.conftest import until
 
 LEGS = Layout(
-    {"extension": 2, "velocity": 2, "limits": 4, "force_command": 2},
-    {"extension": "m", "velocity": "m/s", "limits": "0/1", "force_command": "N"},
+    {
+        "extension": Signal(2, "m"),
+        "velocity": Signal(2, "m/s"),
+        "limits": Signal(4, "0/1"),
+        "force_command": Signal(2, "N"),
+    },
     "legs",
 )
 SENSOR = Layout(
-    {"gyro": 3, "accel": 3, "mag": 3}, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}, "imu"
+    {"gyro": Signal(3, "rad/s"), "accel": Signal(3, "m/s^2"), "mag": Signal(3, "T")}, "imu"
 )
 
 
 # Wheels of a radius of 125 mm, 200 mm to the left and to the right.
 STEERING = ((8.0, -1.6), (8.0, 1.6), (8.0, 1.6), (8.0, -1.6))
-WHEELS = Layout(
-    {"velocity": 4, "velocity_command": 4, "brake": 1},
-    {"velocity": "rad/s", "velocity_command": "rad/s", "brake": "-"},
-    "wheels",
-    {"velocity": STEERING, "velocity_command": STEERING},
-)
-COMMANDS = Layout({"velocity_command": 4, "brake": 1}, WHEELS.units, "wheels", WHEELS.twists)
+TURNING = Signal(4, "rad/s", twist=STEERING)
+WHEEL_COMMANDS = {"velocity_command": TURNING, "brake": Signal(1, "-", idle=1.0)}
+WHEELS = Layout({"velocity": TURNING, **WHEEL_COMMANDS}, "wheels")
+COMMANDS = Layout(WHEEL_COMMANDS, "wheels")
 
 
 def twist(speed=0.0, rate=0.0, aside=0.0):
@@ -76,14 +77,14 @@ def test_standard_messages_follow_from_the_units():
         IMU: {"angular_velocity": "gyro", "linear_acceleration": "accel"},
         FIELD: {"magnetic_field": "mag"},
     }
-    assert standard(Layout({"force": 3}, {"force": "N"}, "cells")) == {}
-    assert standard(Layout({"position": 2}, {}, "unknown")) == {}
+    assert standard(Layout({"force": Signal(3, "N")}, "cells")) == {}
+    assert standard(Layout({"position": Signal(2)}, "unknown")) == {}
 
 
 def test_what_drives_a_machine_follows_a_twist():
     assert standard(WHEELS) == {DRIVEN: {"twist": "velocity"}}
     assert admissible(COMMANDS) == {ARRAY, TWIST, STAMPED}
-    unsure = Layout({"velocity_command": 4, "torque": 4}, {}, "wheels", WHEELS.twists)
+    unsure = Layout({"velocity_command": TURNING, "torque": Signal(4)}, "wheels")
     assert admissible(unsure) == {ARRAY}
     message = values_of(TWIST, twist(0.3, -0.5), COMMANDS)
     signals = COMMANDS.unpack(message)
@@ -166,7 +167,7 @@ def test_arrays_of_computers_of_the_other_order_of_bytes_are_read():
 
 
 def test_joints_are_known_by_their_names_or_their_order():
-    wanted = Layout({"extension": 2}, {"extension": "m"}, "legs")
+    wanted = Layout({"extension": Signal(2, "m")}, "legs")
     named = joints(name=["wheel", "legs_2", "legs_1"], position=[9.0, 2.0, 1.0])
     assert values_of(JOINTS, named, wanted).values == [1.0, 2.0]
     assert values_of(JOINTS, named, wanted).stamp == 3.25
@@ -183,7 +184,7 @@ def test_what_fills_a_standard_message_is_read_from_it():
     for kind, fields in standard(SENSOR).items():
         message = joints(**{field: Fields() for field in fields}, orientation_covariance=[0.0] * 9)
         fill(message, kind, "imu", fields, signals)
-        own = Layout({n: 3 for n in fields.values()}, SENSOR.units, "imu")
+        own = Layout({n: SENSOR.signals[n] for n in fields.values()}, "imu")
         assert own.unpack(values_of(kind, message, own)) == {
             n: signals[n] for n in fields.values()
         }
@@ -251,7 +252,7 @@ def test_an_array_comes_as_it_was_sent(graph, buses):
     inbox = Inbox(channel, LEGS, math.inf, 1.0)
     other.subscribe(inbox)
     received = heard(one, inbox, stamps(), channel)
-    assert received.signals == {n: (0.25,) * size for n, size in LEGS.sizes.items()}
+    assert received.signals == {n: (0.25,) * each.size for n, each in LEGS.signals.items()}
     assert channel in other.channels()
     assert channel not in one.channels()
 
@@ -261,7 +262,7 @@ def test_joint_states_of_another_node_are_taken_and_other_types_are_named(graph,
     channels = graph.channels_of("legs")
     one.advertise(channels.status, LEGS)
     beside = channels.status.replace("status", "joint_states")
-    wanted = Layout({"extension": 2, "velocity": 2}, LEGS.units, "legs")
+    wanted = Layout({n: LEGS.signals[n] for n in ("extension", "velocity")}, "legs")
     fitting, sensor = Inbox(beside, wanted, math.inf, 60.0), Inbox(beside, SENSOR, math.inf, 60.0)
     other.subscribe(fitting)
     received = heard(one, fitting, stamps(), channels.status)
@@ -281,12 +282,7 @@ def test_wheels_follow_the_twist_of_another_node_and_brake_when_it_is_silent(gra
     from geometry_msgs.msg import Twist, TwistWithCovarianceStamped
 
     one, other = buses
-    wheels = ServedPart(
-        *("wheels", other, {"velocity": 4}, {"velocity_command": 4, "brake": 1}),
-        {"velocity_command": 0.0, "brake": 1.0},
-        units=WHEELS.units,
-        twists=WHEELS.twists,
-    )
+    wheels = ServedPart("wheels", other, {"velocity": TURNING}, WHEEL_COMMANDS)
     assert wheels.commands(time.monotonic())["brake"] == (1.0,)
     channel = graph.channels_of("wheels").command
     publisher = one._node.create_publisher(Twist, channel, 10)
@@ -325,7 +321,7 @@ def test_messages_come_while_the_time_of_devices_stands(buses, monkeypatch):
 
 def test_two_senders_of_commands_are_named(graph, buses):
     one, other = buses
-    commands = Layout({"voltage": 1}, {}, "legs")
+    commands = Layout({"voltage": Signal(1)}, "legs")
     channel = graph.channels_of("legs").command
     third = connect(graph, "third")
     inbox = Inbox(channel, commands, math.inf, 60.0)

@@ -1,7 +1,7 @@
 """A part on a bus: neutral without commands, obeying, latched after silence, given up."""
 
 from parapod.systems.hardware.buses.address import LCM, Address
-from parapod.systems.hardware.buses.message import Message
+from parapod.systems.hardware.buses.message import Message, Signal
 from parapod.systems.hardware.buses.served_part import ServedPart
 
 NAMES = ("voltage[0]", "voltage[1]", "brake", "active")
@@ -28,8 +28,8 @@ class Wire:
 
 def served():
     wire = Wire()
-    commands = {"voltage": 2, "brake": 1}
-    part = ServedPart("legs", wire, {"extension": 2}, commands, {"voltage": 0.0, "brake": 1.0})
+    commands = {"voltage": Signal(2), "brake": Signal(1, idle=1.0)}
+    part = ServedPart("legs", wire, {"extension": Signal(2)}, commands)
     return part, wire.inboxes[0], wire
 
 
