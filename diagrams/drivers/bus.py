@@ -12,7 +12,6 @@ from parapod.systems.core.quoting import quoted
 from parapod.systems.core.schema import Schema, quantity
 from parapod.systems.hardware.addresses import resolved
 from parapod.systems.hardware.buses.address import LCM, ROS2, Address, address_of
-from parapod.systems.hardware.buses.message import Signal
 
 if TYPE_CHECKING:
     from parapod.systems.hardware.device import Device
@@ -54,6 +53,7 @@ class _BusPart(Driver):
 
     def make(self, ports: PartPorts) -> "Device":
         """See `Driver`."""
+        from parapod.systems.hardware.buses.message import Signal
         from parapod.systems.hardware.buses.part import BusPart
 
         measures, commands = (
