@@ -1,7 +1,7 @@
 """Deadlines of both machines on emulated devices, with a log: ten minutes idle, and beside others.
 
 The platform's parts are also driven behind buses, for two minutes, and the platform is served on
-them, 1000 instants a second, to a controller in another program.
+them at 1 kHz, without a controller and with one in another program.
 
 No deadline is to be missed on an idle computer. Whether it was idle tell programs that only wake
 up, one a core, with a higher priority than the controller: a deadline that is missed while they
@@ -130,7 +130,7 @@ def buses(console: Console) -> list[Measurement]:
 
 
 def served(kind: str, is_controlled: bool) -> list[Measurement]:
-    """The kinematic platform on a bus, a thousand instants a second.
+    """Punctuality of the kinematic platform, served on a bus at 1 kHz.
 
     Args:
         kind: one of `KINDS`.

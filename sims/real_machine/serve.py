@@ -1,5 +1,6 @@
 """A machine on a bus: its station, simulated or real, for a controller in another program."""
 
+import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,6 +27,8 @@ from parapod.systems.hardware.buses.bus import Bus
 from parapod.systems.hardware.buses.controller import CONTROLLER, BusController
 from parapod.systems.hardware.buses.message import Table
 from parapod.systems.hardware.signals import ended_by_signals
+
+_LOG = logging.getLogger(__name__)
 
 # Longer than anybody serves a machine [s].
 _FOREVER = 1e6
@@ -185,14 +188,14 @@ class _Scene:
     def show(self, root: Context) -> None:
         """Shows the machine as its signals are, some times a second, while somebody looks."""
         time, bus = root.get_time(), self._controller.station.bus
-        if self._twin is None or time < self._next - _ROUNDING or not bus.is_watched:
-            return
-        if self._picture is not None and not self._picture.done():
-            return
-        if not self._finish():
-            self._twin = None
+        if self._twin is None or time < self._next - _ROUNDING:
             return
         self._next = time + _PICTURE
+        if self._picture is not None and not self._picture.done():
+            return
+        self._finish()
+        if self._twin is None or not bus.is_watched:
+            return
         context = self._controller.GetMyContextFromRoot(root)
         values = {n: np.array(read(p, context)) for n, p in self._ports.items()}
         if all(np.isfinite(values[name]).all() for name in self._needed):
@@ -203,13 +206,16 @@ class _Scene:
         self._twin.show(values, time)
         bus.place(self._bodies.poses(), time)
 
-    def _finish(self) -> bool:
-        """Takes the outcome of the last picture: whether it was drawn; says why not."""
+    def _finish(self) -> None:
+        """Draws nothing any more if the last picture could not be drawn, and says why."""
         picture, self._picture = self._picture, None
         error = picture.exception() if picture is not None else None
-        if error is not None:
-            self._say(f"is not drawn any more: {error}")
-        return error is None
+        if error is None:
+            return
+        self._twin = None
+        self._say(f"is not drawn any more: {error}")
+        if not isinstance(error, ParapodError):
+            _LOG.error("scene", exc_info=error)
 
     def close(self) -> None:
         """Ends the thread, after the picture that it draws."""

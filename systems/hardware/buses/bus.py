@@ -282,7 +282,7 @@ class Bus(ABC):
 
     @abstractmethod
     def channels(self) -> Sequence[str]:
-        """Channels on which others have published, at least since this was first asked."""
+        """Channels on which others have published, at least from the first call on."""
 
     @abstractmethod
     def _listen(self, channel: str) -> None:

@@ -139,7 +139,7 @@ class _Channel(NamedTuple):
 
     name: str
     layout: Layout
-    signals: Sequence[str]
+    ports: Sequence[str]
 
 
 class ServedStation:
@@ -177,7 +177,7 @@ class ServedStation:
             Layout(_COUNTS | devices, STATION),
             (*_COUNTS, *(f"{_DEVICES}{name}" for name in devices)),
         )
-        others = [each for each in (of_job, of_station) if each.signals]
+        others = [each for each in (of_job, of_station) if each.ports]
         for each in others:
             bus.advertise(each.name, each.layout)
         # The station's is the last of an instant.
@@ -219,8 +219,8 @@ class ServedStation:
         self._published = monotonic()
         latched = sum(part.latched is not None for part in self.parts)
         instant = {**values, "neutral": self._neutral, "latched": (float(latched),)}
-        for name, layout, signals in self._channels:
-            packed = [value for signal in signals for value in instant[signal]]
+        for name, layout, ports in self._channels:
+            packed = [value for port in ports for value in instant[port]]
             self.bus.publish(name, Message(layout.names, packed, time))
         self.bus.tell(time, any(value > 0.5 for name in self._stops for value in values[name]))
 

@@ -73,10 +73,11 @@ class LcmBus(Bus):
             self._sending.Publish(channel, data)
 
     def channels(self) -> Sequence[str]:
-        """See `Bus`: since this was first asked, as every message that comes is looked at then."""
+        """See `Bus`: from the first call on, because every message is then looked at."""
         with self._lock:
             if not self._notes:
-                # Between looks Drake's client keeps one message of a subscription.
+                # Apart from those of inboxes: between looks Drake's client keeps one message of a
+                # subscription.
                 self._lcm.SubscribeAllChannels(self._see)
             self._notes = True
         return sorted(self._seen - self._own)

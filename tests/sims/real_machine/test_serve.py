@@ -1,6 +1,5 @@
 """Machines on a bus as `parapod serve` puts them there: channels, description, poses, errors."""
 
-import importlib
 import io
 import math
 import os
@@ -121,14 +120,12 @@ def test_no_tick_waits_for_a_picture_or_ends_with_it(monkeypatch, error):
 
 def test_a_machine_that_is_served_is_not_recorded(monkeypatch):
     loops = []
-    module = importlib.import_module("parapod.sims.real_machine.serve")
 
     def noted(*args, **options):
         loops.append(ClosedLoop(*args, **options))
         return loops[-1]
 
-    monkeypatch.setattr(module, "ClosedLoop", noted)
-
+    monkeypatch.setattr("parapod.sims.real_machine.serve.ClosedLoop", noted)
     served(MACHINES[0], "lcm://memq://")
     assert [loop.logs for loop in loops] == [{}]  # it may be served for days
 
