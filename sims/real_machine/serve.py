@@ -81,7 +81,7 @@ def serve(
         stack.enter_context(privileges((FIFO,) if is_real else ()))
         stack.callback(controller.close)
         until = min(duration, _FOREVER)
-        what = f"{machine.experiment} on {controller.station.bus.name}"
+        what = machine.experiment  # by which a replay finds the machine
         introduce(controller, f"{machine.title}, {scenario.backend}", period, say)
         news, scene = _News(controller, say), _Scene(one, scenario, controller, say)
         stack.callback(scene.close)

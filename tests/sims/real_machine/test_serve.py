@@ -13,6 +13,7 @@ from rich.console import Console
 
 from parapod.diagrams.closed_loop import ClosedLoop
 from parapod.diagrams.machine import list_machines
+from parapod.sims.output.logs.files import read_log
 from parapod.sims.output.options import RunOptions
 from parapod.sims.real_machine.serve import serve
 from parapod.systems.core.errors import MissingExtra, ParapodError, ScenarioError
@@ -20,11 +21,11 @@ from parapod.systems.core.errors import MissingExtra, ParapodError, ScenarioErro
 MACHINES = list_machines()
 
 
-def served(machine, address, duration=0.2):
+def served(machine, address, duration=0.2, log=None):
     """What `serve` says of a machine whose bodies are not simulated."""
     scenario, text = machine.scenario(), io.StringIO()
     scenario.backend = "kinematic"
-    options = RunOptions(console=Console(file=text, width=1000))
+    options = RunOptions(console=Console(file=text, width=1000), log=log)
     timing = serve(machine, scenario, address, options, duration)
     assert timing.ticks + timing.missed >= 0.9 * duration / scenario.control.period
     return text.getvalue()
@@ -128,6 +129,11 @@ def test_a_machine_that_is_served_is_not_recorded(monkeypatch):
     monkeypatch.setattr("parapod.sims.real_machine.serve.ClosedLoop", noted)
     served(MACHINES[0], "lcm://memq://")
     assert [loop.logs for loop in loops] == [{}]  # it may be served for days
+
+
+def test_a_log_of_a_machine_that_is_served_names_the_experiment_that_draws_it(tmp_path):
+    served(MACHINES[0], "lcm://memq://", log=tmp_path / "served.mcap")
+    assert read_log(tmp_path / "served.mcap").metadata["experiment"] == MACHINES[0].experiment
 
 
 def test_a_machine_whose_scenario_names_a_controller_is_not_served():
